@@ -27,16 +27,14 @@ class Follower:
             self._thread = threading.Thread(target=self._work, name="playback-follow", daemon=True)
             self._thread.start()
 
-    @property
-    def pause(self) -> float:
-        """Seconds until the next read."""
-        reader = self._reader
-        return min(max(reader.frame_count / reader.fps / len(reader.index), SHORTEST), LONGEST)
-
     def _work(self) -> None:
-        while self._reader.live and not self._closed.wait(self.pause):
+        reader = self._reader
+        while reader.live:
+            pause = min(max(reader.frame_count / reader.fps / len(reader.index), SHORTEST), LONGEST)
+            if self._closed.wait(pause):
+                return
             try:
-                if self._reader.refresh() or not self._reader.live:
+                if reader.refresh() or not reader.live:
                     self._grown()
             except SourceUnavailable:
                 continue

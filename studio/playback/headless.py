@@ -15,7 +15,6 @@ from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
 from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats, PlaybackReport
 from studio.stream import Source, StreamReader
-from studio.stream.group_index import no_such_frame
 
 _ROUNDING = 1e-6  # in frames: makes a frame due at its time despite floating-point errors
 
@@ -51,8 +50,7 @@ def play_headless(
     owned = not isinstance(stream, StreamReader)
     reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
     try:
-        if not 0 <= start_frame < reader.frame_count:
-            raise no_such_frame(start_frame, reader.frame_count)
+        reader.index.group_of(start_frame)  # an error if there is no such frame
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
         shared = Shared(reader)

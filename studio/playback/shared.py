@@ -72,7 +72,7 @@ class Shared:
         shown. StudioError if its page of the index is missing or damaged."""
         if self.rule is None:
             return self.reader.group(number)
-        return self.reader.group(number, self.reader.manifest.renditions[self.rule.choose(buffered)].id)
+        return self.reader.index.group(number).renditions[self.rule.choose(buffered)]
 
     def played(self, group: Rendition, shown: int = 0, dropped: int = 0) -> None:
         """Tell the rule about frames that were shown, or were dropped since decoding was late."""
@@ -81,16 +81,15 @@ class Shared:
 
     def files(self, group: Rendition) -> dict[str, bytes]:
         """The files of a group, from the cache, or fetched and verified."""
-        key = (group.index, group.id)
-        kept = self._files.get(key)
-        if kept is not None:
-            return kept
-        began = time.perf_counter()
-        files = self.reader.fetch(group)
-        if self.rule is not None:
-            self.rule.fetched(group.bytes, time.perf_counter() - began)
-        self._files.put(key, files)
-        return files
+
+        def fetch(_: tuple[int, str]) -> dict[str, bytes]:
+            began = time.perf_counter()
+            files = self.reader.fetch(group)
+            if self.rule is not None:
+                self.rule.fetched(group.bytes, time.perf_counter() - began)
+            return files
+
+        return self._files.get_or_make((group.index, group.id), fetch)
 
     def note_damage(self, group: Rendition | Span, first_frame: int, end_frame: int, cause: Message) -> None:
         """Record that these frames of a group cannot be played."""

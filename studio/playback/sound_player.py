@@ -96,8 +96,7 @@ class SoundPlayer:
         self._heard: deque[tuple[float, int, int]] = deque(maxlen=_KEPT)  # time, first sample, samples
         self._reached = 0.0
         self._asked_at = 0.0
-        self._volume = 1.0
-        self.muted = False  # at volume 0; it still leads
+        self.volume = 1.0  # 0, silent, to 1
         self.message = ""
 
     # Controls
@@ -127,15 +126,6 @@ class SoundPlayer:
             self._queue.clear()
             self.queued = 0
             self._changed.notify_all()
-
-    @property
-    def volume(self) -> float:
-        """0 (silent) to 1."""
-        return self._volume
-
-    @volume.setter
-    def volume(self, value: float) -> None:
-        self._volume = min(max(float(value), 0.0), 1.0)
 
     # State
 
@@ -186,7 +176,7 @@ class SoundPlayer:
                     self._queue.appendleft((first + count, samples[count:]))
             self.queued -= filled
             self._changed.notify_all()
-            out *= 0.0 if self.muted else self._volume
+            out *= self.volume
 
     # The thread that decodes, and opens the device
 

@@ -33,7 +33,8 @@ class GroupIndex:
     def group_of(self, frame: int) -> int:
         """Number of the group that contains a frame; reads no page. Raises StudioError if there is no such frame."""
         if not 0 <= frame < self.manifest.frame_count:
-            raise no_such_frame(frame, self.manifest.frame_count)
+            problem = f"no frame {frame}; the stream has frames 0 to {self.manifest.frame_count - 1}"
+            raise StudioError("stream.no_such_frame", problem, value=frame, frame_count=self.manifest.frame_count)
         return bisect_right(self.starts, frame) - 1
 
     def group(self, number: int) -> GroupEntry:
@@ -72,9 +73,3 @@ class GroupIndex:
             file, fix = f"{self._source.name}/{MANIFEST_NAME}", "Choose one of them."
             raise StudioError("stream.no_such_rendition", problem, file=file, value=rendition, fix=fix, renditions=ids)
         return ids.index(rendition)
-
-
-def no_such_frame(frame: int, frame_count: int) -> StudioError:
-    """The error for a frame number outside 0 to frame_count - 1."""
-    problem = f"no frame {frame}; the stream has frames 0 to {frame_count - 1}"
-    return StudioError("stream.no_such_frame", problem, value=frame, frame_count=frame_count)

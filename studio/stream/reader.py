@@ -60,13 +60,13 @@ class StreamReader:
     another manifest may have replaced it.
     """
 
-    def __init__(self, source: Source, data: bytes, threads: int = 0, rendition: str | None = None) -> None:
+    def __init__(self, source: Source, data: bytes, rendition: str | None = None) -> None:
         self.source = source
         self._manifest_name = f"{source.name}/{MANIFEST_NAME}"
         self.index = self._indexed(data)
         self.manifest_bytes = data
         self._rendition = self.index.rendition_number(rendition)
-        self._threads = threads or os.cpu_count() or 1
+        self._threads = os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="decode")
         self._lock = threading.Lock()
         self._decoder: GroupDecoder | None = None
@@ -74,20 +74,13 @@ class StreamReader:
         self._owns_source = False
 
     @classmethod
-    def open(cls, source: Path | str | Source, threads: int = 0, rendition: str | None = None) -> StreamReader:
+    def open(cls, source: Path | str | Source, rendition: str | None = None) -> StreamReader:
         """Read and validate the manifest of a stream: folder, file of a one-file stream, http(s) URL, or a `Source`
-        (which `close` leaves open).
-
-        Args:
-            threads: decoding threads; 0 is one per core.
-            rendition: id of the rendition to read; None: the best one.
-
-        Raises:
-            StudioError: the manifest is missing, damaged, out of bounds or of another version; no such rendition.
-        """
+        (which `close` leaves open). `rendition`: id of the one to read; None: the best. StudioError: the manifest is
+        missing, damaged, out of bounds or of another version; no such rendition."""
         opened = open_source(source)
         try:
-            reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), threads, rendition)
+            reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), rendition)
         except BaseException:
             if opened is not source:
                 opened.close()
@@ -106,8 +99,7 @@ class StreamReader:
     @property
     def groups(self) -> Sequence[Rendition]:
         """All groups in the chosen rendition; an item may be read from the source, with the errors of `group`."""
-        index, chosen = self.index, self._rendition
-        return OnDemand(range(len(index)), lambda number: index.group(number).renditions[chosen])
+        return OnDemand(range(len(self.index)), self.group)
 
     @property
     def played_bytes(self) -> int:
@@ -183,11 +175,9 @@ class StreamReader:
         groups = (file for number in range(len(self.index)) for file in self.index.files(number))
         return tuple({file.path: file for file in (*sound, *groups)}.values())
 
-    def group(self, number: int, rendition: str | None = None) -> Rendition:
-        """Group `number` in a rendition by id; None is the chosen one. StudioError if there is none, or its page of the
-        index is missing or damaged."""
-        chosen = self._rendition if rendition is None else self.index.rendition_number(rendition)
-        return self.index.group(number).renditions[chosen]
+    def group(self, number: int) -> Rendition:
+        """Group `number` in the chosen rendition. StudioError if its page of the index is missing or damaged."""
+        return self.index.group(number).renditions[self._rendition]
 
     def group_of(self, frame: int) -> Rendition:
         """The group that contains a frame, in the chosen rendition; reads the page of that group alone. StudioError if

@@ -112,13 +112,13 @@ def bake(
 
 def decoded(folder: Path, *frames: int) -> list[Gaussians]:
     """Frames of a stream as Python decodes them."""
-    with StreamReader.open(folder, threads=1) as reader:
+    with StreamReader.open(folder) as reader:
         return [reader.gaussians(frame) for frame in frames]
 
 
 def luma(folder: Path, group_index: int) -> list[np.ndarray]:
     """Pictures of a group of the profile `motion`, (H, W) uint8 each; of `planes`, (P, side, side)."""
-    with StreamReader.open(folder, threads=1) as reader:
+    with StreamReader.open(folder) as reader:
         group = reader.groups[group_index]
         decoder = reader.open_group(group)
         frames = [decoder.read() for _ in range(group.frame_count)]

@@ -14,15 +14,9 @@ __all__ = ["DecodedFrame", "GroupDecoder", "open_decoder"]
 def open_decoder(
     group: Rendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str, codec: str, threads: int = 1
 ) -> GroupDecoder:
-    """A decoder at the group's first frame; StudioError if a file does not match the manifest.
-
-    Args:
-        group: its entry in the manifest.
-        files: content by path, from `StreamReader.fetch`.
-        pool: threads that decode several videos in parallel; `threads` are of the decoder of a profile's single video.
-        name: the stream, for messages.
-        codec: as in the manifest.
-    """
+    """A decoder at the group's first frame; StudioError if a file does not match the manifest. `files`: content by
+    path, from `StreamReader.fetch`; `pool`: threads that decode several videos in parallel, while `threads` are of the
+    decoder of a single one; `name`: the stream, for messages."""
     if isinstance(group, PlanesRendition):
         return PlanesDecoder(group, files, pool, name)
     assert isinstance(group, MotionRendition)

@@ -120,7 +120,7 @@ def bake_group(
                     own = own.replace(quality=rung.qp)
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
                 write = partial(prepared.write, place, values, progress=steps, threads=threads, fps=fps or NOMINAL_FPS)
-                job = _Job(write, place, values, own, rung.qp, quality, unsmoothed)
+                job = _Job(write, place, values, own, quality, unsmoothed)
                 made[rung.id] = _stored(*job.encode(), place, directory, own)
             del prepared, write, job  # the group's values
         return GroupEntry(
@@ -161,7 +161,6 @@ class _Job:
     folder: Path  # for the files, replaced by each encoding
     identity: Mapping[str, Any]  # values of the rendition that the encoder does not know
     settings: BakeSettings  # settings, quality, unsmoothed: as for `bake_group`
-    qp: int  # of the rung, from which encoding starts
     quality: QualityFn | None
     unsmoothed: Callable[[], object]
     _written: dict[int, AnyRendition] = field(default_factory=dict, init=False)
@@ -175,14 +174,14 @@ class _Job:
         elif psnr is not None:
             qp = self._as_good_as(psnr)
         else:
-            qp = self.qp
+            qp = self.settings.qp
         return self._at(qp), None if self.quality is None else self._psnr(qp, self.quality)
 
     def _smaller_than(self, target: float) -> int:
         def kb(qp: int) -> float:
             return self._at(qp).bytes / self.identity["frame_count"] / 1000
 
-        qp = 1 + highest_qp(lambda qp: _QPS_PER_HALF * math.log2(kb(qp) / target), self.qp)
+        qp = 1 + highest_qp(lambda qp: _QPS_PER_HALF * math.log2(kb(qp) / target), self.settings.qp)
         if qp > QP_MAX:
             raise self._missed(target, kb(QP_MAX), "KB per frame", QP_MAX, "Raise it, or train fewer splats.")
         return qp
@@ -193,13 +192,13 @@ class _Job:
             problem = f"quality {self.settings.quality} requires a function that renders decoded frames (quality)"
             fix = "Pass quality, or set a QP instead."
             raise StudioError("bake.no_renderer", problem, fix=fix, setting="bake.quality")
-        qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.qp)
+        qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.settings.qp)
         if qp < QP_BEST and self.settings.smooth_paths is None and self.settings.profile == "motion":
             self.unsmoothed()
             self.settings = self.settings.replace(smooth_paths=False)
             self._written.clear()
             self._psnrs.clear()
-            qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.qp)
+            qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.settings.qp)
         if qp < QP_BEST:
             raise self._missed(target, self._psnr(QP_BEST, quality), "dB", QP_BEST, "Set a lower level.")
         return qp

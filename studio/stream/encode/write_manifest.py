@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Iterable, Sequence
+from functools import reduce
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -12,7 +13,6 @@ from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.stream.encode.files import file_facts
-from studio.stream.group_index import GroupIndex
 from studio.stream.manifest import (
     FILES,
     MANIFEST_NAME,
@@ -21,6 +21,7 @@ from studio.stream.manifest import (
     PAGE_FORMAT,
     PROFILES,
     AudioEntry,
+    Box,
     Codec,
     FileEntry,
     GroupEntry,
@@ -33,7 +34,6 @@ from studio.stream.manifest import (
 from studio.stream.manifest_file import parse_manifest, seal
 from studio.stream.metadata import with_plain_texts
 from studio.stream.settings import BakeSettings
-from studio.stream.sources.source import FolderSource
 
 INLINE_BYTES = 12 << 10
 """Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have
@@ -78,9 +78,7 @@ def write_manifest(
     if not (math.isfinite(fps) and fps > 0):
         raise StudioError("bake.manifest_invalid", f"fps is {fps}; it must be above 0", file=path, value=fps)
     _check_present(directory, groups, audio)
-    box = groups[0].best.bounding_box
-    for one in (one for group in groups for one in group.renditions):
-        box = box.union(one.bounding_box)
+    box = reduce(Box.union, (one.bounding_box for group in groups for one in group.renditions))
     sizes = [len(group.to_bytes()) for group in groups]
     inline = _fitting(sizes, 0, INLINE_BYTES)
     try:
@@ -102,16 +100,17 @@ def write_manifest(
             manifest_sha256="0" * 64,
         )
         manifest, data = seal(draft, groups)
-        index = GroupIndex(manifest, FolderSource(directory))
-        for number in range(len(groups)):  # what a reader of the pages would refuse
-            index.group(number)
+        manifest.check_groups(groups, 0, 0)  # those in pages, too
+        other = {file.path for file in manifest.fixed_files}
+        wanted = {file.path for group in groups for file in group.files} | other
+        kept = _live_pages(path)
+        _replace_manifest(path, data, wanted)
     except (ValueError, TypeError) as error:
         found = invalid(error, "", "").problem if isinstance(error, ValidationError) else error
         raise StudioError("bake.manifest_invalid", f"the manifest is invalid ({found})", file=path) from None
-    other = {file.path for file in manifest.fixed_files}
-    wanted = {file.path for group in groups for file in group.files} | other
-    kept = _live_pages(path)
-    _replace_manifest(path, data, wanted)
+    except OSError as error:
+        problem = f"the manifest cannot be written ({error.strerror or error})"
+        raise StudioError("bake.write_failed", problem, file=path) from None
     _remove_unused(directory, wanted | kept)
     return manifest
 
@@ -149,7 +148,7 @@ def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], 
         part = tuple(groups[start:end])
         data = Page(format=PAGE_FORMAT, groups=part).to_bytes()
         facts = file_facts(data, ".json")
-        _write(directory / facts["path"], data)
+        write_bytes(directory / facts["path"], data)
         pages.append(PageEntry(**facts, frames=tuple(group.frame_count for group in part)))
         start = end
     return tuple(pages)
@@ -176,24 +175,13 @@ def _renditions(groups: Sequence[GroupEntry], fps: float) -> tuple[RenditionEntr
     return tuple(found)
 
 
-def _write(path: Path, data: bytes) -> None:
-    try:
-        write_bytes(path, data)
-    except OSError as error:
-        raise StudioError("bake.write_failed", f"cannot be written ({error.strerror or error})", file=path) from None
-
-
 def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
     """Write the manifest atomically once its files are on the disk: a power cut leaves the old stream or the new."""
     named = sorted({path.parent / name for name in files})
-    try:
-        for one in (*named, *sorted({one.parent for one in named} | {path.parent})):
-            sync(one)
-        write_bytes(path, data, durable=True)
-        sync(path.parent)
-    except OSError as error:
-        problem = f"the manifest cannot be written ({error.strerror or error})"
-        raise StudioError("bake.write_failed", problem, file=path) from None
+    for one in (*named, *sorted({one.parent for one in named} | {path.parent})):
+        sync(one)
+    write_bytes(path, data, durable=True)
+    sync(path.parent)
 
 
 def _live_pages(path: Path) -> set[str]:
