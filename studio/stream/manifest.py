@@ -1,7 +1,8 @@
 """The manifest: everything a player needs to know about a stream, as JSON, with bounds.
 
-`docs/STREAM.md` specifies it for other players, and `manifest_file.manifest_schema` gives its JSON schema. Unknown keys
-are ignored, so that later writers can add some; any change to the meaning of the bytes raises the version.
+`docs/STREAM.md` specifies it, with the meaning of all fields; docstrings here only say what their names and types do
+not. `manifest_file.manifest_schema` gives its JSON schema. Unknown keys are ignored, so that later writers can add
+some; any change to the meaning of the bytes raises the version.
 """
 
 from __future__ import annotations
@@ -192,15 +193,8 @@ class PageEntry(FileEntry):
 
 
 class AudioEntry(FileEntry):
-    """The sound.
-
-    Attributes:
-        codec: AAC-LC in an MP4 file.
-        sample_rate: samples per second and channel.
-        channels: 1 or 2.
-        samples: per channel, without the encoder's delay and padding.
-        start: seconds from the first frame to the first sample.
-    """
+    """The sound, AAC-LC in an MP4 file. `samples`: per channel, without the encoder's delay and padding; `start`:
+    seconds from the first frame to the first sample."""
 
     bytes: Annotated[int, Field(ge=1, le=MAX_AUDIO_BYTES)]
     codec: Literal["aac"]
@@ -219,22 +213,10 @@ class AudioEntry(FileEntry):
 
 
 class Rendition(Model):
-    """One rendition of a group: an encoding of its frames that can be decoded without any other.
-
-    Attributes:
-        index: of the group, 0-based, consecutive.
-        first_frame: index of its first frame in the stream, 0-based.
-        frame_count: number of frames, the same in each video.
-        splats: N, the same in each frame.
-        sh_degree: 0 to 3.
-        bounding_box: of the means of all its frames.
-        bytes: total size of its files.
-        dilation: of its splats, see `Gaussians`. Left out of the JSON where it is `DILATION`.
-        id: of the rendition.
-        qp: H.264 scale, informative.
-        pruning: whether splats were left out, and whether the others were trained further.
-        psnr_to_trained: dB; None if not measured.
-    """
+    """One rendition of a group: an encoding of its frames that can be decoded without any other. `index` and
+    `first_frame`: of the group, as there; `splats`: N, the same in each frame; `bounding_box`: of the means of all its
+    frames; `bytes`: of all its files; `dilation`: see `Gaussians`, left out of the JSON where it is `DILATION`; `qp`:
+    H.264 scale, informative; `psnr_to_trained`: dB, None if not measured."""
 
     index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
     first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
@@ -377,16 +359,10 @@ class BlockTable(Model):
 
 
 class MotionRendition(Rendition):
-    """A rendition of a group in the profile `motion`.
-
-    Attributes:
-        tile: side of a channel's tile in pixels: the smallest multiple of 16 with tile^2 >= N.
-        columns, rows: channel c is the tile in row c // columns, column c % columns.
-        positions: quantization of the keyframe's means.
-        blocks: number and units of the block motion.
-        channels: in the order of `attributes.channels(sh_degree)`.
-        video, side: the files.
-    """
+    """A rendition of a group in the profile `motion`, with its `channels` in the order of
+    `attributes.channels(sh_degree)`. `tile`: side of a channel's tile in pixels, the smallest multiple of 16 with
+    tile^2 >= N; channel c is the tile in row c // `columns`, column c % `columns`; `positions`: quantization of the
+    keyframe's means."""
 
     tile: Annotated[int, Field(ge=16)]
     columns: Annotated[int, Field(ge=1, le=64)]
@@ -465,14 +441,8 @@ AnyRendition: TypeAlias = Annotated[
 
 
 class GroupEntry(Model):
-    """One group in all its renditions: consecutive frames that can be decoded without others.
-
-    Attributes:
-        index: 0-based, consecutive.
-        first_frame: index of its first frame in the stream, 0-based.
-        frame_count: number of frames, the same in each rendition.
-        renditions: complete, independent encodings of the same frames, the best first.
-    """
+    """One group in all its renditions, the best first: consecutive frames that can be decoded without others. `index`,
+    and `first_frame` in the stream: 0-based."""
 
     index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
     first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
@@ -534,18 +504,9 @@ class Codec(Model):
 
 
 class RenditionEntry(Model):
-    """A rendition over the whole stream.
-
-    Attributes:
-        id: in every group.
-        qp: highest of its groups, H.264 scale.
-        splats: largest number in a group.
-        sh_degree: 0 to 3, the same in all groups.
-        pruning: whether splats were left out, and whether the others were trained further.
-        psnr_to_trained: dB, mean over the measured frames; None if not measured.
-        bytes: sum over its groups.
-        bandwidth: bits per second at which its group with the highest rate arrives as fast as it plays.
-    """
+    """A rendition over the whole stream. `qp`, `splats`: the largest of its groups; `psnr_to_trained`: dB, mean over
+    the measured frames, None if not measured; `bytes`: sum over its groups; `bandwidth`: bits per second at which its
+    group with the highest rate arrives as fast as it plays."""
 
     id: RenditionId
     qp: Qp
@@ -558,26 +519,11 @@ class RenditionEntry(Model):
 
 
 class Manifest(Model):
-    """The manifest as stored.
-
-    Attributes:
-        format, version: those of this program.
-        profile: "planes" or "motion".
-        fps: frame rate of playback.
-        frame_count: over all groups.
-        scan: as of `Profile`.
-        codec: of all videos.
-        bounding_box: over all groups.
-        live: groups are still being added.
-        renditions: the best first; every group has them all.
-        groups: the first groups, from frame 0.
-        pages: where the other groups are.
-        audio: the sound; None for a silent stream.
-        settings: bake settings, informative.
-        metadata: free-form; see `metadata.StreamMetadata`. Both are at most 16 levels deep and 1 MiB.
-        total_bytes: size of all files of the stream, each once, including the manifest.
-        manifest_sha256: SHA-256 of the manifest's bytes with these 64 digits replaced by zeros.
-    """
+    """The manifest as stored. `frame_count`, `bounding_box`: over all groups; `scan`: as of `Profile`; `live`: groups
+    are still being added; `renditions`: the best first, every group has them all; `groups`: the first ones, from frame
+    0; `pages`: where the others are; `settings`: of the bake, informative; `metadata`: free-form, see
+    `metadata.StreamMetadata`, each at most 16 levels deep and 1 MiB; `total_bytes`: of all files of the stream, each
+    once, including the manifest; `manifest_sha256`: of the manifest's bytes with these 64 digits replaced by zeros."""
 
     format: Literal["v3studio-stream"] = FORMAT
     version: Literal[VERSION] = VERSION  # type: ignore[valid-type]
