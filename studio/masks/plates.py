@@ -84,7 +84,7 @@ def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
     return Background(median_plate(lambda index: read_image(paths[index], spec.transfer)[:, :, :3], len(paths)))
 
 
-def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
+def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSource, str] | None:
     """Masks from clean plates: see `studio.masks.sources`."""
     spec = inputs.spec
     found = find_files_of(
@@ -107,7 +107,7 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[MaskSource, st
     return source, f"difference from the clean plates '{pattern}'"
 
 
-def open_median_background(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
+def open_median_background(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSource, str] | None:
     """Masks from the footage's background: see `studio.masks.sources`. Raises StudioError `mask.too_few_frames`."""
     count = inputs.frame_count
     if count < (3 if required else FEW_FRAMES):

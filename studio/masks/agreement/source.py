@@ -72,27 +72,20 @@ _VERSION = 6  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource(MaskSource):
-    """A `MaskSource` whose masks all cameras agree on; see the module docstring.
-
-    Args:
-        inputs: the footage.
-        cameras: of the raw frames.
-        plates: the empty set of each camera.
-        model: its masks of people are part of the evidence; None: there is no model.
-        estimated: whether the plates were estimated from the footage.
-        cache: recipes of the masks and of the sets, and folder for a disk cache; None: memory only.
-    """
+    """A `MaskSource` whose masks all cameras agree on; see the module docstring. `plates`: the empty set of each
+    camera, `estimated` from the footage or not; `model`: its masks of people are part of the evidence; `recipes`:
+    digests of what masks and sets depend on, for the disk cache."""
 
     def __init__(
         self,
         inputs: MaskInputs,
         cameras: Mapping[str, Camera],
         plates: PlateMaskSource,
-        model: MattingModel | None = None,
-        estimated: bool = False,
-        cache: tuple[str, str, Path] | None = None,
+        model: MattingModel | None,
+        estimated: bool,
+        recipes: tuple[str, str],
     ) -> None:
-        self._inputs, self._cameras, self._plates, self._model, self._cache = inputs, cameras, plates, model, cache
+        self._inputs, self._cameras, self._plates, self._model, self._recipes = inputs, cameras, plates, model, recipes
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
         self._set_frames = evenly_spaced(common, _SET_FRAMES)
         self._estimated = estimated and bool(common)
@@ -112,8 +105,7 @@ class AgreedMaskSource(MaskSource):
         def make() -> np.ndarray:
             return self._outlined(camera, image, self._agreed.get_or_make(frame, self.agree)[camera])
 
-        recipe, _, folder = self._cache or ("", "", None)
-        return cached_mask(folder, f"agreed {recipe} {frame}", image, make)
+        return cached_mask(self._inputs.cache_folder, f"agreed {self._recipes[0]} {frame}", image, make)
 
     def files(self) -> list[Path]:
         return self._plates.files() + (self._model.files() if self._model else [])
@@ -128,11 +120,10 @@ class AgreedMaskSource(MaskSource):
         return self._sets.get_or_make(camera, self._emptied)
 
     def _emptied(self, camera: str) -> Background:
-        _, recipe, folder = self._cache or ("", "", None)
-        key = _digest(recipe, camera)
-        return cached_background(
-            folder, key, lambda: self._uncovered(camera, self._covers.get_or_make(None, self._cover))
-        )
+        def make() -> Background:
+            return self._uncovered(camera, self._covers.get_or_make(None, self._cover))
+
+        return cached_background(self._inputs.cache_folder, _digest(self._recipes[1], camera), make)
 
     def _uncovered(self, camera: str, covers: Sequence[Mapping[str, np.ndarray]]) -> Background:
         images = [self._inputs.image(camera, frame) for frame in self._set_frames]
@@ -309,19 +300,18 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     if found is None:
         return None
     plates, phrase = found
-    assert isinstance(plates, PlateMaskSource)
     model = load_model(inputs) if inputs.spec.mask_model else None
     if inputs.cameras is None:
         alone = PlateMaskSource(inputs, plates.background, plates.files() + (model.files() if model else []))
         return alone, f"those of each camera alone until the cameras are calibrated, {phrase}"
-    cameras, cache = inputs.cameras(), None
+    cameras, recipes = inputs.cameras(), ("", "")
     if inputs.cache_folder is not None:  # the sets do not depend on the model
         masks = sets = _recipe(inputs, cameras, plates)
         if model is not None:
             files = digest_files(inputs.spec.root, model.files())
             masks = _digest(sets, files, inputs.spec.model_dump_json(include={"mask_model"}))
-        cache = masks, sets, inputs.cache_folder
-    source = AgreedMaskSource(inputs, cameras, plates, model, clean is None, cache)
+        recipes = masks, sets
+    source = AgreedMaskSource(inputs, cameras, plates, model, clean is None, recipes)
     if model:
         phrase += " and a matting model"
     elif clean is None:
