@@ -46,7 +46,7 @@ class _Voice:
     period: int
 
 
-@dataclass(frozen=True)
+@dataclass
 class CastSound:
     """The sound of a cast: that of its streams, each from its start on, over and over. A `Pcm` of two channels;
     all voices have its sample rate."""

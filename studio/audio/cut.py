@@ -28,11 +28,6 @@ class Cut:
         """1 or 2."""
         return self.file.channels
 
-    @property
-    def seconds(self) -> float:
-        """Duration."""
-        return self.samples / SAMPLE_RATE
-
     def blocks(self) -> Iterator[np.ndarray]:
         """The samples in order, (n, channels) float32; StudioError: unreadable, or nothing there (`audio.outside`)."""
         done = 0
@@ -67,10 +62,10 @@ def cut_sound(file: SoundFile, start: float, seconds: float) -> Cut:
 
 def outside(cut: Cut) -> StudioError:
     """The error for a sound of which nothing is in the take."""
-    start = cut.first / SAMPLE_RATE
+    start, seconds = cut.first / SAMPLE_RATE, cut.samples / SAMPLE_RATE
     return StudioError(
         "audio.outside",
-        f"the sound has nothing in the take, whose {cut.seconds:.2f} s begin {abs(start):.2f} s "
+        f"the sound has nothing in the take, whose {seconds:.2f} s begin {abs(start):.2f} s "
         f"{'before' if start < 0 else 'after'} the sound's beginning",
         file=cut.file.path,
         value=start,

@@ -9,18 +9,15 @@ import numpy as np
 class Pcm(Protocol):
     """Sound by sample number, of 1 or 2 channels; sample 0 sounds when frame 0 appears. `samples` are per channel."""
 
-    @property
-    def sample_rate(self) -> int: ...
-    @property
-    def channels(self) -> int: ...
-    @property
-    def samples(self) -> int: ...
+    sample_rate: int
+    channels: int
+    samples: int
 
     def read(self, first: int, count: int) -> np.ndarray:
         """(count, channels) float32, -1 to 1, from sample `first` on; silence outside of the sound."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Part:
     whole: Pcm
     first: int
