@@ -65,27 +65,21 @@ class _Partial:
 
 
 class HttpSource(Source):
-    """A stream below an http:// or https:// URL. Thread safe; connections are reused.
+    """A stream below an http:// or https:// URL, that of its folder or of its manifest.json. Thread safe; connections
+    are reused. A query (?token=...) is sent with every request; user:password@ before the host becomes basic
+    authentication. `name` is the URL without both.
 
     Broken, stalled and refused connections and temporary status codes are retried with exponential backoff until
     `patience` runs out. Bytes already received are kept: a range request asks for the rest, with If-Range if the server
     sent an ETag or a date.
-
-    Args:
-        address: URL of the stream's folder or of its manifest.json. A query (?token=...) is sent with every request;
-            user:password@ before the host becomes basic authentication.
-
-    Attributes:
-        name: the URL without credentials and query.
     """
 
     parallel = 6
     # seconds; an attempt is aborted if the server sends nothing for so long, or less than `MIN_RATE` on average over it
     stall = 8.0
-    patience = (
-        30.0  # seconds after a file's first failed attempt during which it is retried: enough to restart a server
-    )
-    first_patience = 3.0  # same, before the server has ever answered: a wrong URL is more likely than a slow server
+    # seconds after a file's first failed attempt during which it is retried: enough to restart a server; and before the
+    # server has ever answered, since a wrong URL is more likely than a slow server
+    patience, first_patience = 30.0, 3.0
 
     def __init__(self, address: str) -> None:
         try:
