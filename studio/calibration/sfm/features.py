@@ -64,44 +64,33 @@ def count_rows(database: Path, query: str, written: bool = False) -> int:
         return 0
 
 
-def file_name(number: int, sync_frame: int) -> str:
-    """File name of a camera's image of a sync frame. COLMAP takes point colors from the first, named `image_name`."""
-    return image_name(number) if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
-
-
-def image_name(number: int) -> str:
-    """Image name of a camera in the database for mapping."""
-    return f"{number:04d}.png"
+def file_name(number: int, sync_frame: int = 0) -> str:
+    """Name of a camera's image of a sync frame. In the database for mapping it is that of the first, from which COLMAP
+    takes the colors of points."""
+    return f"{number:04d}.png" if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
 
 
 def find_matches(folder: Path, job: SfmJob) -> Path:
     """Detect features, match and verify them; the database for mapping, where camera n has image n + 1."""
+    import pycolmap
+
     final, each = folder / "database.db", folder / "sync_frames.db"
     for leftover in (*folder.glob("database.db*"), *folder.glob("sync_frames.db*")):
         leftover.unlink()
-    _import(each, job)
+    with pycolmap.Database.open(each) as database:
+        write_images(database, job, job.sync_frames)
     _extract(each, folder, job)
     _match(each, folder, job)
     merge_sync_frames(each, final, job)
     return final
 
 
-def _import(path: Path, job: SfmJob) -> None:
-    """Register all images in a fixed order, so that their ids do not depend on threads."""
+def write_images(database: Any, job: SfmJob, sync_frames: int = 1) -> None:
+    """Write the job's cameras, each with a rig, and images of sync frames, each with a frame, in a fixed order, so that
+    ids do not depend on threads: those of camera n begin with n * sync_frames + 1."""
     import pycolmap
 
-    with pycolmap.Database.open(path) as database:
-        cameras = write_cameras(database, job)
-        for number, index in enumerate(job.intrinsics_of):
-            for sync_frame in range(job.sync_frames):
-                write_image(database, file_name(number, sync_frame), *cameras[index])
-
-
-def write_cameras(database: Any, job: SfmJob) -> list[tuple[Any, Any]]:
-    """Write the job's cameras with one rig each; (pycolmap.Camera, pycolmap.Rig) in the order of `job.intrinsics`."""
-    import pycolmap
-
-    found = []
+    cameras = []
     for own in job.intrinsics:
         camera = pycolmap.Camera(model=own.model, width=own.width, height=own.height, params=own.params)
         camera.has_prior_focal_length = own.prior
@@ -109,21 +98,16 @@ def write_cameras(database: Any, job: SfmJob) -> list[tuple[Any, Any]]:
         rig = pycolmap.Rig()
         rig.add_ref_sensor(camera.sensor_id)
         rig.rig_id = database.write_rig(rig)
-        found.append((camera, rig))
-    return found
-
-
-def write_image(database: Any, name: str, camera: Any, rig: Any) -> int:
-    """Write an image with its own frame; returns its id."""
-    import pycolmap
-
-    image = pycolmap.Image(name=name, camera_id=camera.camera_id)
-    image.image_id = database.write_image(image)
-    frame = pycolmap.Frame()
-    frame.rig_id = rig.rig_id
-    frame.add_data_id(image.data_id)
-    frame.frame_id = database.write_frame(frame)
-    return int(image.image_id)
+        cameras.append((camera, rig))
+    for number, index in enumerate(job.intrinsics_of):
+        camera, rig = cameras[index]
+        for sync_frame in range(sync_frames):
+            image = pycolmap.Image(name=file_name(number, sync_frame), camera_id=camera.camera_id)
+            image.image_id = database.write_image(image)
+            frame = pycolmap.Frame()
+            frame.rig_id = rig.rig_id
+            frame.add_data_id(image.data_id)
+            database.write_frame(frame)
 
 
 def _extract(path: Path, folder: Path, job: SfmJob) -> None:
@@ -168,17 +152,16 @@ def _preview_pairs(path: Path, folder: Path, job: SfmJob) -> list[tuple[int, int
     preview = folder / "preview.db"
     preview.unlink(missing_ok=True)
     with pycolmap.Database.open(path) as full, pycolmap.Database.open(preview) as small:
-        cameras = write_cameras(small, job)
-        for number, index in enumerate(job.intrinsics_of):
-            image = write_image(small, image_name(number), *cameras[index])
+        write_images(small, job)
+        for number in range(len(job.names)):
             picture = number * job.sync_frames + job.sync_frames // 2 + 1
             keypoints = np.asarray(full.read_keypoints(picture))
             descriptors = full.read_descriptors(picture)
             chosen = largest(keypoints)
-            small.write_keypoints(image, keypoints[chosen])
+            small.write_keypoints(number + 1, keypoints[chosen])
             descriptors.data = np.asarray(descriptors.data)[chosen]
-            small.write_descriptors(image, descriptors)
-    names = list(combinations(map(image_name, range(len(job.names))), 2))
+            small.write_descriptors(number + 1, descriptors)
+    names = list(combinations(map(file_name, range(len(job.names))), 2))
     _match_images(preview, folder, job, names, "preview", _verification(job, fewest=5))
     with pycolmap.Database.open(preview) as small:
         keys, counts = small.read_two_view_geometry_num_inliers()
@@ -225,11 +208,10 @@ def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
     import pycolmap
 
     with pycolmap.Database.open(each) as source, pycolmap.Database.open(final) as target:
-        cameras = write_cameras(target, job)
+        write_images(target, job)
         sync_frames = job.sync_frames
         starts: dict[int, int] = {}  # image id to the index of its first keypoint
-        for number, index in enumerate(job.intrinsics_of):
-            image_id = write_image(target, image_name(number), *cameras[index])
+        for number in range(len(job.names)):
             parts, at = [], 0
             for sync_frame in range(sync_frames):
                 picture = number * sync_frames + sync_frame + 1
@@ -237,7 +219,7 @@ def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
                 starts[picture] = at
                 at += len(keypoints)
                 parts.append(np.asarray(keypoints))
-            target.write_keypoints(image_id, np.concatenate(parts))
+            target.write_keypoints(number + 1, np.concatenate(parts))
         together: dict[tuple[int, int], list[np.ndarray]] = {}
         keys, _ = source.read_two_view_geometry_num_inliers()
         for key in keys:

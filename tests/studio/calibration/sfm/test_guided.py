@@ -8,7 +8,7 @@ import pytest
 
 from studio.calibration import compare_rigs
 from studio.calibration.sfm import mapping
-from studio.calibration.sfm.features import image_name, merge_sync_frames, write_cameras, write_image
+from studio.calibration.sfm.features import merge_sync_frames, write_images
 from studio.calibration.sfm.guided import write_guided_matches
 from studio.calibration.sfm.job import SfmJob
 from tests.studio.calibration.sfm.jobs import job_of, rig_of
@@ -33,10 +33,9 @@ def rig(tmp_path: Path) -> tuple[Any, SfmJob, dict[int, np.ndarray]]:
     rng = np.random.default_rng(0)
     looks = rng.integers(0, 255, (POINTS // 6, 128), np.uint8)
     each = pycolmap.Database.open(tmp_path / "sync_frames.db")
-    cameras = write_cameras(each, job)
+    write_images(each, job)
     seen = {}
     for image in range(1, CAMERAS + 1):
-        write_image(each, image_name(image - 1), *cameras[image - 1])
         found = [point for point in model.images[image].points2D if point.has_point3D() and rng.random() < 0.5]
         seen[image] = np.array([point.point3D_id for point in found])
         pixels = np.array([point.xy for point in found])

@@ -16,7 +16,7 @@ import pytest
 from studio.calibration import compare_rigs
 from studio.calibration.report import SolutionReport
 from studio.calibration.sfm import mapping
-from studio.calibration.sfm.features import count_rows, merge_sync_frames, write_cameras, write_image
+from studio.calibration.sfm.features import count_rows, merge_sync_frames, write_images
 from studio.calibration.sfm.focal_lengths import guess_focal_lengths, is_any_unknown
 from studio.calibration.sfm.job import SfmJob, SfmSolution, neighbors
 from studio.calibration.sfm.mapping import Mapper
@@ -183,14 +183,13 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     job = job_of(6, focal=2000.0)
     database = pycolmap.Database.open(tmp_path / "database.db")
-    cameras_of = write_cameras(database, job)
+    write_images(database, job)
     points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (400, 3))
     for number in range(6):
         turn = cv2.Rodrigues(rng.normal(0, 0.1, 3))[0]
         local = (points - rng.uniform(-0.8, 0.8, 3)) @ turn.T
         pixels = local[:, :2] / local[:, 2:] * 1280 + [512, 384] + rng.normal(0, 0.3, (400, 2))
-        image = write_image(database, f"{number:04d}.png", *cameras_of[number])
-        database.write_keypoints(image, pixels.astype(np.float32))
+        database.write_keypoints(number + 1, pixels.astype(np.float32))
     for first, second in combinations(range(1, 7), 2):
         database.write_matches(first, second, np.repeat(np.arange(400)[:, None], 2, axis=1).astype(np.uint32))
     database.close()
@@ -230,7 +229,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     job = job_of(2, sync_frames=2)
     each = pycolmap.Database.open(tmp_path / "sync_frames.db")
-    cameras_of = write_cameras(each, job)
+    write_images(each, job, 2)
     # points in front of two cameras side by side
     points = rng.uniform([-1, -1, 4], [1, 1, 8], (80, 3))
     keypoints = {}
@@ -238,8 +237,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
         local = points - [0.8 * number, 0, 0]
         keypoints[number] = local[:, :2] / local[:, 2:] * 1280 + [512, 384]
         for sync_frame, part in enumerate((keypoints[number][:30], keypoints[number][30:])):
-            image = write_image(each, f"{number}_{sync_frame}", *cameras_of[number])
-            each.write_keypoints(image, part.astype(np.float32))
+            each.write_keypoints(2 * number + sync_frame + 1, part.astype(np.float32))
     for sync_frame, count in ((0, 30), (1, 50)):
         geometry = pycolmap.TwoViewGeometry()
         geometry.config = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED

@@ -36,7 +36,7 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
         scene = sum(cv2.GaussianBlur(rng.normal(size=(210, 280, 3)), (0, 0), s) * s * 70 for s in (1.5, 3, 6))
         scene = np.clip(128 + scene, 0, 255).astype(np.uint8)
         for number in range(3):
-            name = file_name(3 * wall + number, 0)
+            name = file_name(3 * wall + number)
             cv2.imwrite(str(tmp_path / "images" / name), picture(scene, 12 * number))
     job = job_of(6, focal=336.0, size=(280, 210), max_features=800)
     asked: list[set[str]] = []
@@ -53,5 +53,5 @@ def test_the_preview_separates_images_without_overlap(tmp_path: Path, monkeypatc
     find_matches(tmp_path, job)
     together = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
     assert len(asked[1]) == 15
-    assert asked[2] == {f"{file_name(a, 0)} {file_name(b, 0)}" for a, b in together}
+    assert asked[2] == {f"{file_name(a)} {file_name(b)}" for a, b in together}
     assert not list(tmp_path.glob("preview*"))
