@@ -10,8 +10,8 @@ from gui.shell import Shell
 from gui.widgets.dialogs.base import Answer, filled, in_lines
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.picture import color
+from pipelines.events import as_message
 from pipelines.takes.kept_bakes import KeptBake
-from studio.errors import StudioError
 
 NAME = "bakes"
 ROWS, MESSAGE_LINES = 8, 2
@@ -122,11 +122,9 @@ class BakeActions:
 
     def _opened(self, done: Done[Place, OtherSource]) -> None:
         window = self._window
-        if done.result is None:
-            known = isinstance(done.error, StudioError)
-            words = str(done.error) if known else f"It cannot be opened: {done.error!r}"
-            window.notices.show(words, bad=True, topic="compare")
-        else:
+        if done.error is not None:
+            window.notices.show(str(as_message(done.error)), bad=True, topic="compare")
+        elif done.result is not None:
             window.select("review")
             window.notices.clear("compare")
             window.player.compare_with(done.result)

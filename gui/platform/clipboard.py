@@ -12,28 +12,8 @@ _SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
 _ATOM = 4
 _LONGEST = 1 << 18  # longest text that is read, bytes
 
-_HEAD = (("type", ctypes.c_int), ("serial", ctypes.c_ulong), ("send_event", ctypes.c_int), ("display", ctypes.c_void_p))
-
-
-class _Notify(ctypes.Structure):
-    """XSelectionEvent."""
-
-    _fields_ = (*_HEAD, *((name, ctypes.c_ulong) for name in ("requestor", "selection", "target", "property", "time")))
-
-
-class _Request(ctypes.Structure):
-    """XSelectionRequestEvent."""
-
-    _fields_ = (
-        *_HEAD,
-        *((name, ctypes.c_ulong) for name in ("owner", "requestor", "selection", "target", "property", "time")),
-    )
-
-
-class _Event(ctypes.Union):
-    """XEvent."""
-
-    _fields_ = (("type", ctypes.c_int), ("notify", _Notify), ("request", _Request), ("padding", ctypes.c_long * 24))
+_Event = ctypes.c_ulong * 24
+"""XEvent. Each field of XSelectionEvent and XSelectionRequestEvent takes the place of a long, also the int `type`."""
 
 
 class Clipboard(Connection):
@@ -75,33 +55,31 @@ class Clipboard(Connection):
         while self._x.XPending(self._display):
             event = _Event()
             self._x.XNextEvent(self._display, ctypes.byref(event))
-            if event.type == _SELECTION_CLEAR:
+            kind = event[0] & 0xFFFFFFFF
+            if kind == _SELECTION_CLEAR:
                 self._text = None
-            elif event.type == _SELECTION_REQUEST:
-                self._answer(event.request)
-            elif event.type == _SELECTION_NOTIFY:
-                found = self._pasted() if event.notify.property else ""
+            elif kind == _SELECTION_REQUEST:
+                self._answer(*event[5:10])
+            elif kind == _SELECTION_NOTIFY:
+                found = self._pasted() if event[7] else ""  # the property
         return found
 
-    def _answer(self, request: _Request) -> None:
+    def _answer(self, requestor: int, selection: int, target: int, place: int, time: int) -> None:
+        """Answer a request. `place`: its property."""
         x, display = self._x, self._display
         with errors_ignored(x, display):  # who asked may be gone
-            place = request.property or request.target
+            place = place or target
             if self._text is None:
                 place = 0
-            elif request.target == self._targets:
+            elif target == self._targets:
                 offered = (ctypes.c_ulong * 2)(self._targets, self._utf8)
-                x.XChangeProperty(display, request.requestor, place, _ATOM, 32, 0, bytes(offered), 2)
-            elif request.target == self._utf8:
-                x.XChangeProperty(display, request.requestor, place, self._utf8, 8, 0, self._text, len(self._text))
+                x.XChangeProperty(display, requestor, place, _ATOM, 32, 0, bytes(offered), 2)
+            elif target == self._utf8:
+                x.XChangeProperty(display, requestor, place, self._utf8, 8, 0, self._text, len(self._text))
             else:
                 place = 0
-            answer = _Event()
-            answer.notify = _Notify(
-                type=_SELECTION_NOTIFY, display=display, requestor=request.requestor, selection=request.selection,
-                target=request.target, property=place, time=request.time,
-            )  # fmt: skip
-            x.XSendEvent(display, request.requestor, 0, 0, ctypes.byref(answer))
+            answer = _Event(_SELECTION_NOTIFY, 0, 0, display, requestor, selection, target, place, time)
+            x.XSendEvent(display, requestor, 0, 0, ctypes.byref(answer))
 
     def _pasted(self) -> str:
         kind, size, count, rest = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_ulong(), ctypes.c_ulong()

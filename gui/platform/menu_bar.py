@@ -12,11 +12,11 @@ _TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
 
 
 class MenuBar:
-    """See the module. Tell it of all moves and presses, in order. `boxes`: (width, height) of the menus, pixels; () if
-    they are not known. `height`: height of the bar, pixels; 0 while it is hidden."""
+    """See the module. Tell it of all moves and presses, in order. `boxes`: (width, height) of the menus, pixels.
+    `height`: height of the bar, pixels; 0 while it is hidden."""
 
-    def __init__(self, em: float, boxes: Sequence[tuple[float, float]] = ()) -> None:
-        self._boxes = list(boxes)
+    def __init__(self, em: float, boxes: Sequence[tuple[float, float]]) -> None:
+        self._boxes = boxes
         self._ends = [end * em for end in _TITLE_ENDS]
         self._open: int | None = None
         self._followed = False
@@ -51,7 +51,7 @@ class MenuBar:
 
     def _in_menu(self, x: float, y: float) -> bool:
         """Whether a position is in the open menu."""
-        if self._open is None or self._open >= len(self._boxes):
+        if self._open is None:
             return False
         left, (width, height) = self._ends[self._open - 1] if self._open else 0.0, self._boxes[self._open]
         return left <= x < left + width and self.height <= y < self.height + height

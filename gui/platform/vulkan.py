@@ -7,38 +7,16 @@ specification, sections 3.2, 4.1 and 5.1).
 
 import ctypes
 import ctypes.util
+import struct
 
 from studio.errors import StudioError
 
 _KINDS = {2: "discrete GPU", 1: "integrated GPU", 3: "virtual GPU", 0: "other", 4: "software"}  # the best one first
 _SUCCESS, _INCOMPLETE = 0, 5
-_INSTANCE_CREATE_INFO = 1
+_CREATE_INSTANCE = struct.pack("=I60x", 1)  # VkInstanceCreateInfo: sType; the other fields are zero
 _PROPERTIES_BYTES = 4096  # VkPhysicalDeviceProperties takes 824 on 64-bit; the rest is a margin
+_PROPERTIES = struct.Struct("=5I256s")  # its first fields; the last of these are deviceType and deviceName
 _INSTALL = "On Debian and Ubuntu, run `sudo apt-get install {packages}`"
-
-
-class _InstanceCreateInfo(ctypes.Structure):
-    """VkInstanceCreateInfo; unused fields stay zero."""
-
-    _fields_ = (
-        ("sType", ctypes.c_uint32),
-        ("pNext", ctypes.c_void_p),
-        ("flags", ctypes.c_uint32),
-        ("pApplicationInfo", ctypes.c_void_p),
-        ("enabledLayerCount", ctypes.c_uint32),
-        ("ppEnabledLayerNames", ctypes.c_void_p),
-        ("enabledExtensionCount", ctypes.c_uint32),
-        ("ppEnabledExtensionNames", ctypes.c_void_p),
-    )
-
-
-class _DeviceHeader(ctypes.Structure):
-    """The first fields of VkPhysicalDeviceProperties."""
-
-    _fields_ = (
-        *((name, ctypes.c_uint32) for name in ("apiVersion", "driverVersion", "vendorID", "deviceID", "deviceType")),
-        ("deviceName", ctypes.c_char * 256),
-    )
 
 
 def vulkan_device() -> str:
@@ -53,8 +31,7 @@ def vulkan_device() -> str:
         raise StudioError("gui.no_vulkan_loader", problem, value=name, fix=fix) from None
     fix = f"{_INSTALL.format(packages='mesa-vulkan-drivers')}, or install your graphics card's driver."
     instance = ctypes.c_void_p()
-    info = _InstanceCreateInfo(sType=_INSTANCE_CREATE_INFO)
-    status = vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
+    status = vulkan.vkCreateInstance(_CREATE_INSTANCE, None, ctypes.byref(instance))
     if status != _SUCCESS:
         problem = f"the window needs Vulkan, and no driver was found (vkCreateInstance returned {status})"
         raise StudioError("gui.no_vulkan_driver", problem, value=status, fix=fix)
@@ -80,7 +57,6 @@ def _devices(vulkan: ctypes.CDLL, instance: ctypes.c_void_p) -> list[tuple[int, 
     for handle in handles[: count.value]:
         buffer = ctypes.create_string_buffer(_PROPERTIES_BYTES)
         vulkan.vkGetPhysicalDeviceProperties(ctypes.c_void_p(handle), buffer)
-        header = _DeviceHeader.from_buffer(buffer)
-        kind = header.deviceType if header.deviceType in _KINDS else 0
-        devices.append((kind, header.deviceName.decode(errors="replace")))
+        *_, kind, name = _PROPERTIES.unpack_from(buffer)
+        devices.append((kind if kind in _KINDS else 0, name.split(b"\0")[0].decode(errors="replace")))
     return devices

@@ -50,26 +50,18 @@ _TYPES: dict[str, tuple[Any, ...]] = {
 _IGNORE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)(lambda _display, _error: 0)
 
 
-def open_display() -> tuple[Any, Any]:
-    """Xlib and a connection to the X server of DISPLAY, to be closed with `XCloseDisplay`; None twice without X."""
-    name = ctypes.util.find_library("X11")
-    if name is None or not os.environ.get("DISPLAY"):
-        return None, None
-    x = ctypes.CDLL(name)
-    for function, (result, *arguments) in _TYPES.items():
-        getattr(x, function).restype, getattr(x, function).argtypes = result, arguments
-    display = x.XOpenDisplay(None)
-    return (x, display) if display else (None, None)
-
-
 class Connection:
-    """A connection to the X server of DISPLAY, unless it is not `wanted`. Without X, nothing has an effect."""
-
-    _x: Any
-    _display: Any
+    """Xlib, and a connection to the X server of DISPLAY unless it is not `wanted`. Without X, nothing has an effect."""
 
     def __init__(self, wanted: bool = True) -> None:
-        self._x, self._display = open_display() if wanted else (None, None)
+        self._x: Any = None
+        self._display: Any = None
+        name = ctypes.util.find_library("X11") if wanted and os.environ.get("DISPLAY") else None
+        if name is not None:
+            self._x = ctypes.CDLL(name)
+            for function, (result, *arguments) in _TYPES.items():
+                getattr(self._x, function).restype, getattr(self._x, function).argtypes = result, arguments
+            self._display = self._x.XOpenDisplay(None)
 
     def close(self) -> None:
         if self._display:

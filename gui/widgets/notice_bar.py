@@ -10,7 +10,7 @@ from gui.drawing.canvas import shortened
 from gui.drawing.palette import ACCENT_DARK, BAD, LINE, TEXT
 from gui.models.notices import Notice, Notices
 from gui.platform.clipboard import Clipboard
-from gui.platform.desktop import PageOpener, show_folder
+from gui.platform.desktop import Opener
 from gui.widgets.picture import color, make_button, make_label
 
 WIDEST, MOST_LINES = 48.0, 12  # width of the bar in em, and lines of a message
@@ -21,7 +21,7 @@ class NoticeBar:
 
     def __init__(self, notices: Notices, em: float, clipboard: Clipboard, changed: Callable[[], None]) -> None:
         self._notices, self._em, self._clipboard, self._changed = notices, em, clipboard, changed
-        self._pages = PageOpener()
+        self._opener = Opener()
         self.buttons: dict[str, gui.Button] = {}
         self._shown: object = None
         self._content = gui.WidgetProxy()
@@ -33,9 +33,9 @@ class NoticeBar:
     def update(self, room: float, hidden: bool) -> bool:
         """Show the notice; returns whether anything changed, which needs a layout. `hidden`: something else needs the
         place; a failure is shown nevertheless."""
-        failure = self._pages.failure()
+        failure = self._opener.failure()
         if failure:
-            self._notices.show(failure, bad=True, topic="browser")
+            self._notices.show(failure, bad=True, topic="desktop")
         card = self._notices.card
         if card is not None and hidden and not card.bad:
             card = None
@@ -69,17 +69,15 @@ class NoticeBar:
         column.add_child(row)
         return column
 
-    def _open(self, page: Path) -> None:
-        """Open a page in the browser."""
-        with self._notices.reporting("browser"):
-            self._pages.open(page)
+    def _open(self, path: Path) -> None:
+        with self._notices.reporting("desktop"):
+            self._opener.open(path)
 
     def open_folder(self) -> None:
         """Show the folder of what was written."""
         card = self._notices.card
         if card is not None and card.path is not None:
-            with self._notices.reporting("folder"):
-                show_folder(card.path)
+            self._open(card.path if card.path.is_dir() else card.path.parent)
 
     def copy(self) -> None:
         """Copy the path of what was written, or the text of a failure."""
