@@ -53,9 +53,9 @@ class MainWindow(Shell):
 
     def __init__(self, size: tuple[int, int], log: Path | None, device: str, software: bool) -> None:
         application = gui.Application.instance
-        if application.menubar is None:
+        if application.menubar is None:  # the first window
             use_icons(application, FONT)
-        menus.build(application, MENUS)
+            menus.build(application, MENUS)
         super().__init__(size, device, title_font(application))
         self._software = software
         self._log = StateLog(log)

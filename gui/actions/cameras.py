@@ -14,7 +14,7 @@ from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
 from gui.widgets.dialogs.worst import WorstDialog
 from pipelines.takes.camera_uses import CameraUses
-from pipelines.takes.stage_files import CheckedCameras, checked_cameras
+from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
 from studio.comparison.metrics import MAIN
@@ -156,13 +156,13 @@ class CameraActions:
 def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[str, str]]:
     """(name, value) of what is known about a camera: its reprojection errors and its quality, mean over the frames."""
     rows: list[tuple[str, str]] = []
-    checked = checked_cameras(take) if take.rig.is_file() else CheckedCameras(None, None, None)
+    checked = checked_cameras(take)
     report = checked.report
     figures = report.cameras.get(camera) if isinstance(report, CalibrationReport) else None
     if figures is not None:
         rows.append(("reprojection error", f"mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px"))
         rows.append(("points", f"{figures.observations}, on {100 * figures.coverage:.0f}% of the image"))
-    elif take.rig.is_file():
+    elif report is not None:
         rows.append(("reprojection error", "not known: cameras from a file"))
     check = checked.verdict.cameras.get(camera) if checked.verdict is not None else None
     if check is not None and check.fits is not None:

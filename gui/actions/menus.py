@@ -52,9 +52,7 @@ def boxes(menus: Menus, em: float) -> list[tuple[float, float]]:
 
 
 def build(application: gui.Application, menus: Menus) -> None:
-    """Create the application's menu bar, once."""
-    if application.menubar is not None:
-        return
+    """Create the application's menu bar."""
     bar, number = gui.Menu(), 0
     for title, entries in menus.items():
         menu = gui.Menu()
