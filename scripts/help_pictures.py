@@ -1,6 +1,6 @@
 """Makes the images of gui/help from runs of the sample capture: good ones, and bad ones with wrong settings.
 
-    python scripts/help_pictures.py TAKE WORK [--out gui/help]
+    python scripts/help_pictures.py TAKE WORK
 
 TAKE is a finished take of the sample capture (`make demo`). The takes with wrong settings are made in the folder WORK,
 which is kept: running it again only draws. Takes about a quarter of an hour on two cores.
@@ -166,7 +166,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
     parser.add_argument("work", type=Path)
-    parser.add_argument("--out", type=Path, default=ROOT / "gui" / "help")
     options = parser.parse_args()
     for name, values in WRONG.items():
         rig = ("--capture.rig", str(swapped_cameras(options.work))) if name == "swapped" else ()
@@ -175,9 +174,8 @@ def main() -> None:
     if not coarse.exists():
         shutil.copytree(options.take, coarse)
     run(coarse, "--bake.quality", "44")
-    options.out.mkdir(parents=True, exist_ok=True)
     for name, pixels in pictures(options.take, options.work):
-        save(options.out / f"{name}.jpg", pixels)
+        save(ROOT / "gui" / "help" / f"{name}.jpg", pixels)
 
 
 if __name__ == "__main__":

@@ -164,9 +164,7 @@ def _earlier_images(out: Path) -> list[Path]:
 
 def _result(take: OpenedTake, found: Sequence[FrameOfTake], names: Sequence[str]) -> ComparedTake:
     rows = [one.cameras for one in found if one.cameras]
-    by_camera = {
-        name: _means([row[name] for row in rows if name in row]) for name in names if any(name in row for row in rows)
-    }
+    by_camera = {name: [row[name] for row in rows if name in row] for name in names}
     by_frame = [one.flicker for one in found if one.flicker is not None]
     values = [one.flicker for one in by_frame]
     borders = [one.flicker for one in by_frame if one.group_border]
@@ -174,7 +172,7 @@ def _result(take: OpenedTake, found: Sequence[FrameOfTake], names: Sequence[str]
         name=take.name,
         folder=str(take.take.root),
         measures=_means([_means(list(row.values())) for row in rows]),
-        cameras=by_camera,
+        cameras={name: _means(seen) for name, seen in by_camera.items() if seen},
         trained_on=tuple(name for name in names if name in take.trained_on),
         flicker=round(_mean(values), 4) if values else None,
         flicker_at_group_borders=round(_mean(borders), 4) if borders else None,
@@ -209,12 +207,8 @@ def _protocol(
 
 
 def _means(rows: Sequence[Measures]) -> Measures:
-    figures = {}
-    for metric in METRICS:
-        values = [row[metric.name] for row in rows if metric.name in row]
-        if values:
-            figures[metric.name] = round(_mean(values), 5)
-    return figures
+    values = {metric.name: [row[metric.name] for row in rows if metric.name in row] for metric in METRICS}
+    return {name: round(_mean(found), 5) for name, found in values.items() if found}
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -100,6 +100,5 @@ FLICKER = Metric("flicker", "flicker", "levels of 255", 2, None)  # between cons
 
 def measure(pair: ViewPair, lpips: Distance | None = None) -> dict[str, float]:
     """The metrics of a pair of images that are measured, by name."""
-    found = {metric.name: metric.measure(pair, lpips) for metric in METRICS if metric.measure is not None}
-    digits = {metric.name: metric.digits + 2 for metric in METRICS}
-    return {name: round(value, digits[name]) for name, value in found.items() if value is not None}
+    found = [(metric, metric.measure(pair, lpips)) for metric in METRICS if metric.measure is not None]
+    return {metric.name: round(value, metric.digits + 2) for metric, value in found if value is not None}
