@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from pipelines.events import Emit, Finished, as_message
 from pipelines.events.cancellation import Cancellation, stop_on_signals
-from pipelines.events.work_clock import WorkClock, counting_pauses
+from pipelines.events.work_clock import WorkClock
 from studio.errors import Cancelled, Message
 from studio.json_types import JsonData
 
@@ -25,7 +25,7 @@ def finishing(
         emit()(Finished.of(message, outcome=outcome, seconds=round(clock() - started, 2), result=result()))
 
     interrupted = Message("run.cancelled", f"the current step was interrupted; {_KEPT}", fix=again)
-    with counting_pauses() as clock, stop_on_signals(cancellation, lambda: finish("cancelled", interrupted)):
+    with stop_on_signals(cancellation, lambda: finish("cancelled", interrupted)) as clock:
         started = clock()
         try:
             yield clock
