@@ -2,14 +2,14 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { FADE, OrbitCamera, type Pinhole, visibility } from "../src/render/camera.ts";
+import { FADE, OrbitCamera, type Pinhole, placeIn, visibility } from "../src/render/camera.ts";
 import type { Player } from "../src/player/player.ts";
 import type { Camera, Vector } from "../src/stream/metadata.ts";
 import { clock, plural } from "../src/ui/format.ts";
 import { readPath, spline } from "../src/ui/intro.ts";
 import { parseView } from "../src/ui/link.ts";
 import { ticks } from "../src/review/curves.ts";
-import { placeIn, pointAt } from "../src/review/pins.ts";
+import { pointAt } from "../src/review/pins.ts";
 import { summaryOf, wordOf, worstFrames } from "../src/review/words.ts";
 
 /** A figure of 1.8 m that walks 1.4 m; z is up. */

@@ -42,6 +42,16 @@ export const unit = (a: Vector): Vec3 => {
   return [a[0] / size, a[1] / size, a[2] / size];
 };
 
+export interface Box {
+  readonly min: Vector;
+  readonly max: Vector;
+}
+
+export const middleOf = ({ min, max }: Box): Vec3 => add(min, max).map((value) => value / 2) as Vec3;
+
+export const cornersOf = ({ min, max }: Box): Vec3[] =>
+  Array.from({ length: 8 }, (_, corner) => [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as Vec3);
+
 const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
 const MARGIN = 1.12; // margin around the scene, as a factor
@@ -84,6 +94,12 @@ export function centerOf({ rotation: r, translation: t }: Pinhole): Vec3 {
   return [0, 1, 2].map((k) => -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2])) as Vec3;
 }
 
+/** Where a world point is in the image; null if it is behind the camera. */
+export function placeIn({ rotation: r, translation: t, fx, fy, cx, cy }: Pinhole, point: Vector): [number, number] | null {
+  const [x, y, z] = [0, 1, 2].map((k) => r[3 * k] * point[0] + r[3 * k + 1] * point[1] + r[3 * k + 2] * point[2] + t[k]);
+  return z <= 1e-6 ? null : [(fx * x) / z + cx, (fy * y) / z + cy];
+}
+
 /** Degrees beyond the range in which the image fades. */
 export const FADE = 20;
 
@@ -113,8 +129,8 @@ export class OrbitCamera {
 
   /** Sets the initial view: from the direction of the suggested camera, at eye level; from in front of the box without one.
    * `box`: of the whole stream: all of it is visible at any aspect ratio. */
-  frame(box: { readonly min: Vector; readonly max: Vector }, camera: Camera | null, up: Vector | null): void {
-    const middle = add(box.min, box.max).map((value) => value / 2) as Vec3;
+  frame(box: Box, camera: Camera | null, up: Vector | null): void {
+    const middle = middleOf(box);
     this.radius = Math.max(length(add(box.max, box.min, -1)) / 2, 1e-6);
     const pinhole = camera === null ? null : pinholeOf(camera);
     // OpenCV's y points down.
@@ -144,18 +160,10 @@ export class OrbitCamera {
   }
 
   /** Maximum |x / z| and |y / z| of the box's corners; infinite if one is behind the camera. */
-  private extent({ min, max }: { readonly min: Vector; readonly max: Vector }): [number, number] {
-    const axes = this.axes();
-    const eye = add(this.target, axes[2], -this.distance);
-    const result: [number, number] = [1e-3, 1e-3];
-    for (let corner = 0; corner < 8; corner++) {
-      const point = [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as Vec3;
-      const [x, y, z] = axes.map((axis) => dot(axis, add(point, eye, -1)));
-      if (z <= 0) return [Infinity, Infinity];
-      result[0] = Math.max(result[0], Math.abs(x / z));
-      result[1] = Math.max(result[1], Math.abs(y / z));
-    }
-    return result;
+  private extent(box: Box): [number, number] {
+    const lens = { ...this.pose(), width: 2, height: 2, fx: 1, fy: 1, cx: 0, cy: 0 };
+    const places = cornersOf(box).map((corner) => placeIn(lens, corner) ?? [Infinity, Infinity]);
+    return [0, 1].map((k) => Math.max(1e-3, ...places.map((place) => Math.abs(place[k])))) as [number, number];
   }
 
   reset(): void {
@@ -253,18 +261,13 @@ export class OrbitCamera {
   }
 
   pinhole(width: number, height: number): Pinhole {
-    const axes = this.axes();
-    const eye = add(this.target, axes[2], -this.distance);
     const focal = height / 2 / this.tangentsFor(width / height)[1];
-    return {
-      width,
-      height,
-      fx: focal,
-      fy: focal,
-      cx: width / 2,
-      cy: height / 2,
-      rotation: axes.flat(),
-      translation: axes.map((axis) => -dot(axis, eye)) as unknown as Vector,
-    };
+    return { ...this.pose(), width, height, fx: focal, fy: focal, cx: width / 2, cy: height / 2 };
+  }
+
+  private pose(): Pick<Pinhole, "rotation" | "translation"> {
+    const axes = this.axes();
+    const eye = this.eyeOf(this);
+    return { rotation: axes.flat(), translation: axes.map((axis) => -dot(axis, eye)) as unknown as Vector };
   }
 }

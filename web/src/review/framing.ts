@@ -1,6 +1,7 @@
 /** Which part of a camera's image is shown, and where. */
 
-import type { Camera, Vector } from "../stream/metadata.ts";
+import { type Box, cornersOf, pinholeOf, placeIn } from "../render/camera.ts";
+import type { Camera } from "../stream/metadata.ts";
 import type { ReviewCamera } from "./api.ts";
 
 /** A part of an image, in its pixels. */
@@ -16,23 +17,17 @@ const MARGIN = 0.08; // room around the performer, as a fraction of their size o
 export const whole = ({ width, height }: ReviewCamera): Part => ({ x: 0, y: 0, width, height });
 
 /** The part that holds the performer: the box of all splats, seen by the camera. The whole image if it is not in front. */
-export function around(camera: ReviewCamera, { min, max }: { readonly min: Vector; readonly max: Vector }): Part {
-  const [xs, ys]: [number[], number[]] = [[], []];
-  const { K, world_to_camera: w } = camera;
-  for (let corner = 0; corner < 8; corner++) {
-    const point = [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as unknown as Vector;
-    const [x, y, z] = [0, 1, 2].map((row) => w[row][0] * point[0] + w[row][1] * point[1] + w[row][2] * point[2] + w[row][3]);
-    if (z <= 1e-6) return whole(camera);
-    xs.push((K[0][0] * x + K[0][1] * y) / z + K[0][2]);
-    ys.push((K[1][1] * y) / z + K[1][2]);
-  }
+export function around(camera: ReviewCamera, box: Box): Part {
+  const pinhole = pinholeOf(cameraOf(camera, whole(camera)));
+  const places = cornersOf(box).map((corner) => placeIn(pinhole, corner)).filter((place) => place !== null);
+  if (places.length < 8) return whole(camera);
   const span = (values: number[], size: number): [number, number] => {
     const [low, high] = [Math.min(...values), Math.max(...values)];
     const margin = MARGIN * (high - low);
     return [Math.max(0, low - margin), Math.min(size, high + margin)];
   };
-  const [left, right] = span(xs, camera.width);
-  const [top, bottom] = span(ys, camera.height);
+  const [left, right] = span(places.map(([x]) => x), camera.width);
+  const [top, bottom] = span(places.map(([, y]) => y), camera.height);
   if (right - left < 8 || bottom - top < 8) return whole(camera);
   return { x: left, y: top, width: right - left, height: bottom - top };
 }

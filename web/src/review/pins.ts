@@ -1,7 +1,7 @@
 /** Points at places in the image: of the note that is being written, and of the marks of the frame on the screen. */
 
 import type { Player } from "../player/player.ts";
-import { add, centerOf, dot, type Pinhole } from "../render/camera.ts";
+import { add, centerOf, dot, middleOf, type Pinhole, placeIn } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { Mark } from "./api.ts";
 import { make } from "../ui/dom.ts";
@@ -16,12 +16,6 @@ export function pointAt(pinhole: Pinhole, x: number, y: number, near: Vector): V
   const depth = Math.max(dot(r.slice(6, 9) as unknown as Vector, add(near, eye, -1)), 1e-3);
   const [a, b] = [((x - cx) / fx) * depth, ((y - cy) / fy) * depth];
   return [0, 1, 2].map((k) => eye[k] + r[k] * a + r[3 + k] * b + r[6 + k] * depth) as unknown as Vector;
-}
-
-/** Where a world point is in the image; null if it is behind the camera. */
-export function placeIn({ rotation: r, translation: t, fx, fy, cx, cy }: Pinhole, point: Vector): [number, number] | null {
-  const [x, y, z] = [0, 1, 2].map((k) => r[3 * k] * point[0] + r[3 * k + 1] * point[1] + r[3 * k + 2] * point[2] + t[k]);
-  return z <= 1e-6 ? null : [(fx * x) / z + cx, (fy * y) / z + cy];
 }
 
 export class Pins {
@@ -68,9 +62,8 @@ export class Pins {
     const { info, screen } = this.player;
     const pinhole = screen.pinhole();
     if (info === null || width === 0 || height === 0) return;
-    const middle = add(info.box.min, info.box.max).map((value) => value / 2) as unknown as Vector;
     const [u, v] = [((x - left) / width) * pinhole.width, ((y - top) / height) * pinhole.height];
-    this.chosen = pointAt(pinhole, u, v, middle);
+    this.chosen = pointAt(pinhole, u, v, middleOf(info.box));
     this.draw();
   }
 

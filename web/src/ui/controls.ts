@@ -103,16 +103,15 @@ export class Controls {
       const full = document.fullscreenElement === host;
       this.relabel("full", full ? ICONS.small : ICONS.full, full ? "Exit full screen" : "Full screen");
     }, { signal });
+    signal.addEventListener("abort", () => this.end());
     this.follow(player);
     this.setLoop(host.hasAttribute("loop"));
     this.check("speed", "1");
   }
 
-  dispose(): void {
+  private end(): void {
     this.immersive?.end();
-    clearTimeout(this.idleTimer);
-    clearTimeout(this.noticeTimer);
-    clearTimeout(this.busyTimer);
+    for (const timer of [this.idleTimer, this.noticeTimer, this.busyTimer]) clearTimeout(timer);
     this.panel.toggle(false);
     this.hint.hide();
   }

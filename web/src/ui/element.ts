@@ -69,7 +69,6 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   disconnectedCallback(): void {
     this.intro?.();
     this.lifetime?.abort();
-    this.controls?.dispose();
     this.engine?.dispose();
     this.intro = this.controls = this.engine = null;
     this.root.replaceChildren();

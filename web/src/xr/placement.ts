@@ -1,6 +1,6 @@
 /** Where a stream stands in the room: a floor point, a turn about the vertical, and a scale. Pure functions and values. */
 
-import { add, cross, dot, type Pinhole, unit, type Vec3 } from "../render/camera.ts";
+import { add, type Box, cross, dot, middleOf, type Pinhole, unit, type Vec3 } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
 
 /** Height in meters of what is placed in a room, where it is life-size, and on a table. */
@@ -25,14 +25,13 @@ export interface Footing {
 }
 
 /** The stream's footing from its bounding box, its up direction and the horizontal direction of the suggested camera. */
-export function footing(box: { readonly min: Vector; readonly max: Vector }, up: Vector, ahead: Vector): Footing {
+export function footing(box: Box, up: Vector, ahead: Vector): Footing {
   const top = unit(up);
   const right = unit(cross(ahead, top));
   const back = cross(right, top);
-  const middle = add(box.min, box.max).map((value) => value / 2) as Vec3;
   // Half the extent of the box along the vertical.
   const half = [0, 1, 2].reduce((sum, k) => sum + (Math.abs(top[k]) * (box.max[k] - box.min[k])) / 2, 0);
-  return { axes: [...right, ...top, ...back], floor: add(middle, top, -half), height: Math.max(2 * half, 1e-6) };
+  return { axes: [...right, ...top, ...back], floor: add(middleOf(box), top, -half), height: Math.max(2 * half, 1e-6) };
 }
 
 export class Placement {
