@@ -118,12 +118,13 @@ export class Player extends Playback<Picture> {
 
   set view(view: PartialView) {
     this.camera.view = { ...this.camera.view, ...view };
-    this.screen.fixed = null;
+    this.fixedCamera = null;
   }
 
   /** Looks through the given camera, whose image fills the canvas; null returns to the orbit camera. */
   set fixedCamera(camera: Camera | null) {
     this.screen.fixed = camera === null ? null : pinholeOf(camera);
+    this.screen.dirty = true;
   }
 
   override dispose(): void {

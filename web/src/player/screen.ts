@@ -18,7 +18,8 @@ export class Screen {
   /** Size of the last image in pixels. */
   size: readonly number[] = [0, 0];
   background: Vector | null = [0, 0, 0];
-  private fixed_: Pinhole | null = null;
+  /** A pinhole instead of the orbit camera. */
+  fixed: Pinhole | null = null;
   private began: number | null = null;
   private renderedAt = 0;
   private count = 0;
@@ -41,16 +42,6 @@ export class Screen {
       this.dirty = true;
     });
     this.resizing.observe(canvas);
-  }
-
-  /** A pinhole instead of the orbit camera; to be set to null when that is moved. */
-  get fixed(): Pinhole | null {
-    return this.fixed_;
-  }
-
-  set fixed(pinhole: Pinhole | null) {
-    this.fixed_ = pinhole;
-    this.dirty = true;
   }
 
   dispose(): void {
@@ -106,17 +97,17 @@ export class Screen {
   /** The camera of the next image, in its pixels. */
   pinhole(): Pinhole {
     const [width, height] = this.targetSize();
-    if (this.fixed_ === null) return this.camera.pinhole(width, height);
-    const scale = Math.min(width / this.fixed_.width, height / this.fixed_.height);
-    const { fx, fy, cx, cy } = this.fixed_;
+    const { fixed } = this;
+    if (fixed === null) return this.camera.pinhole(width, height);
+    const scale = Math.min(width / fixed.width, height / fixed.height);
     return {
-      ...this.fixed_,
+      ...fixed,
       width,
       height,
-      fx: fx * scale,
-      fy: fy * scale,
-      cx: (cx - this.fixed_.width / 2) * scale + width / 2,
-      cy: (cy - this.fixed_.height / 2) * scale + height / 2,
+      fx: fixed.fx * scale,
+      fy: fixed.fy * scale,
+      cx: (fixed.cx - fixed.width / 2) * scale + width / 2,
+      cy: (fixed.cy - fixed.height / 2) * scale + height / 2,
     };
   }
 

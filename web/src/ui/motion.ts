@@ -96,7 +96,7 @@ export class Motion {
 
   private touched(): void {
     this.flight = null;
-    this.player.screen.fixed = null;
+    this.player.fixedCamera = null;
     this.events.touched();
   }
 

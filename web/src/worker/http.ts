@@ -133,14 +133,22 @@ export class HttpSource implements Source {
     }
   }
 
-  /** Takes in a body, and reports how fast it came. */
+  /** Takes in a body chunk by chunk, and reports how fast it came; fails if no data arrives for too long. */
   private async receive(response: Response, take: Take): Promise<void> {
+    const reader = response.body?.getReader();
     const began = performance.now();
     let bytes = 0;
-    await consume(response, (chunk) => {
-      take(chunk);
-      bytes += chunk.length;
-    });
+    try {
+      while (reader !== undefined) {
+        const { done, value } = await inTime(reader.read(), STALL, () => new StreamError("The connection timed out.", true));
+        if (done) break;
+        take(value);
+        bytes += value.length;
+      }
+    } catch (error) {
+      reader?.cancel().catch(() => undefined);
+      throw error instanceof StreamError ? error : new StreamError("The connection was interrupted.", true);
+    }
     this.received(bytes, performance.now() - began);
   }
 
@@ -177,21 +185,5 @@ export class HttpSource implements Source {
       signal.removeEventListener("abort", abort);
       stop.abort();
     }
-  }
-}
-
-/** Yields a body chunk by chunk; fails if no data arrives for too long. */
-async function consume(response: Response, take: Take): Promise<void> {
-  const reader = response.body?.getReader();
-  if (reader === undefined) return;
-  try {
-    for (;;) {
-      const { done, value } = await inTime(reader.read(), STALL, () => new StreamError("The connection timed out.", true));
-      if (done) return;
-      take(value);
-    }
-  } catch (error) {
-    reader.cancel().catch(() => undefined);
-    throw error instanceof StreamError ? error : new StreamError("The connection was interrupted.", true);
   }
 }
