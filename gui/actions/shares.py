@@ -1,5 +1,6 @@
 """What the menu Share does, and its dialogs."""
 
+from copy import copy
 from functools import partial
 from pathlib import Path
 
@@ -39,9 +40,9 @@ def ask_share(window: Shell, form: str) -> None:
     opened = window.player.opened
     assert opened is not None
     assert isinstance(opened.path, Path)
-    request = ShareRequest(form, str(opened.path), opened.title, opened.path.parent)
-    request.begin_with(window.preferences.last_share(form, request.source))
-    _ask(window, request, words)
+    source = str(opened.path)
+    first = ShareRequest(form, source, opened.title, opened.path.parent)
+    _ask(window, copy(window.exports.shares.get((form, source), first)), words)
 
 
 def _ask(window: Shell, request: ShareRequest, size: str, error: str = "") -> None:
@@ -57,14 +58,13 @@ def _ask(window: Shell, request: ShareRequest, size: str, error: str = "") -> No
         except (StudioError, OSError) as refused:
             again(str(refused))
             return
-        window.preferences.shared(request.form, request.source, request.kept())
-        window.preferences.save()
+        window.exports.shares[request.form, request.source] = request
         window.workspace.note(f"Share: writing {request.path}")
         dialogs.close()
 
     def go() -> None:
         try:
-            replaces = request.replaces
+            replaces = request.path.exists()
         except OSError as refused:
             again(f"The output cannot have this name: {refused.strerror}. Choose another one.")
             return

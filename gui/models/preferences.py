@@ -11,7 +11,7 @@ from pathlib import Path
 from pipelines.takes.atomic_files import write_text
 from studio.bounded_files import parse_json
 
-RECENT, SHARES = 10, 30  # most entries that are kept: of opened takes, of shares
+RECENT = 10  # most opened takes that are kept
 
 PICTURE_SIZES = {"640 x 360": 640 * 360, "960 x 540": 960 * 540, "1280 x 720": 1280 * 720, "viewport size": 1 << 30}
 BACKGROUND_NAMES = ("dark", "black", "white")
@@ -33,8 +33,6 @@ class Preferences:
     panel_width: float = 18.0
     recent: list[str] = field(default_factory=list)  # folders, files and URLs, newest first
     folder: str = ""  # where a file or a folder was chosen last; "" if none was
-    # what was last chosen in the dialog of a share, newest last, by its form and source
-    shares: dict[str, dict[str, str]] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path | None = None) -> Preferences:
@@ -63,17 +61,6 @@ class Preferences:
     def opened(self, name: str) -> None:
         """Move a folder or URL to the front of the recent list."""
         self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]
-
-    def shared(self, form: str, source: str, chosen: dict[str, str]) -> None:
-        """Keep what was chosen in the dialog of a share."""
-        name = f"{form} {source}"
-        kept = [(one, values) for one, values in self.shares.items() if one != name]
-        self.shares = dict([*kept, (name, chosen)][-SHARES:])
-
-    def last_share(self, form: str, source: str) -> dict[str, str]:
-        """What was chosen last for a form of share of a source; empty if there was none."""
-        found = self.shares.get(f"{form} {source}")
-        return {str(name): str(value) for name, value in found.items()} if isinstance(found, dict) else {}
 
     def recent_there(self) -> list[str]:
         """Recent folders and files that still exist, and all URLs."""

@@ -42,9 +42,9 @@ class OrbitCamera:
         self.up = _unit(np.asarray(self.up, dtype=np.float64))
 
     @classmethod
-    def around(cls, points: np.ndarray, up: np.ndarray, fov: float = math.radians(45.0)) -> OrbitCamera:
+    def around(cls, points: np.ndarray, up: np.ndarray) -> OrbitCamera:
         """A view that contains almost all of the (N, 3) points, world coordinates; a few outliers do not affect it.
-        Without points, a unit ball at the origin is framed. `fov`: vertical, radians."""
+        Without points, a unit ball at the origin is framed."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if len(points) == 0:
             points = np.eye(3)
@@ -52,7 +52,7 @@ class OrbitCamera:
         low, high = np.percentile(points, [1.0, 99.0], axis=0)
         target = np.where(np.isfinite(low + high), 0.5 * (low + high), middle)
         radius = max(float(np.percentile(np.linalg.norm(points - target, axis=1), 98.0)), 1e-6)
-        return cls(target=target, up=up, distance=1.15 * radius / math.sin(0.5 * fov), fov=fov)
+        return cls(target=target, up=up, distance=1.15 * radius / math.sin(0.5 * cls.fov))
 
     @classmethod
     def looking_through(cls, camera: Camera, target: np.ndarray, up: np.ndarray) -> OrbitCamera:

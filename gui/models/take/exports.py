@@ -102,6 +102,7 @@ class Exports(Commands):
     def __init__(self) -> None:
         super().__init__()
         self.path = PathEditor()
+        self.shares: dict[tuple[str, str], ShareRequest] = {}  # the last ones, by form and source
         self.request: NamedTarget | None = None  # the last one that was started; None before the first
         self.progress = ""  # last report of progress; stays after the end
         self.result = ""  # outcome of the last one; "" while one is running

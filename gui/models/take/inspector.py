@@ -8,7 +8,7 @@ import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, wrapped
 from gui.drawing.palette import DIM, LINE, PANEL, TEXT
-from gui.models.evaluation import Evaluation
+from gui.models.evaluation import DECODED, Evaluation
 from gui.models.marks import Marks
 from gui.models.playback.player import PlayerPresenter
 from gui.models.take.log_words import stage_name
@@ -21,8 +21,6 @@ from studio.edits import EditList
 from studio.errors import StudioError
 
 Row = tuple[str, str]
-
-QUALITY = f"{MAIN.name}_decoded"
 
 
 @dataclass(frozen=True)
@@ -91,12 +89,12 @@ def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, fir
         found = [evaluation.series(name, transport.frame_count, camera)[frames]]
         return found if other is None else [*found, other.series(name, camera)[frames]]
 
-    measured = [(value, at) for at, value in enumerate(values(QUALITY)[0], first) if value is not None]
+    measured = [(value, at) for at, value in enumerate(values(DECODED)[0], first) if value is not None]
     where = f", frame {transport.number(min(measured)[1])}" if measured else ""
     quality, flicker = f".{MAIN.digits}f", f".{FLICKER.digits}f"
     figures: tuple[tuple[str, str, Callable[[list[float]], float], str, str], ...] = (
-        (f"{MAIN.title}, mean", QUALITY, fmean, quality, MAIN.unit),
-        (f"lowest{where}", QUALITY, min, quality, MAIN.unit),
+        (f"{MAIN.title}, mean", DECODED, fmean, quality, MAIN.unit),
+        (f"lowest{where}", DECODED, min, quality, MAIN.unit),
         ("size", "bytes", lambda sizes: sum(sizes) / 1000, ",.1f", "KB"),
         (FLICKER.title, FLICKER.name, fmean, flicker, "/255"),
     )
@@ -163,18 +161,8 @@ def camera_rows(player: PlayerPresenter) -> list[Row]:
 def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float, down: float = 0.0) -> np.ndarray:
     """(height, width, 3) uint8: stacked blocks, scrolled by `down` pixels; says so if there are more below."""
     canvas = Canvas(width, height, PANEL)
-    size = round(0.88 * em)
-    step = line_height(size)
-    y = 0.3 * em - down
-    for block in blocks:
-        y = heading(canvas, y, block.title, em)
-        for name, value in block.rows:
-            name_width = canvas.text(0.6 * em, y, name, size, DIM)
-            canvas.text(width - 0.6 * em, y, value, size, TEXT, align="right", width=width - name_width - 1.8 * em)
-            y += step
-        note = wrapped(block.note, size, width - 1.2 * em) if block.note else []
-        y = canvas.lines(0.6 * em, y, note, size, DIM) + 0.3 * em
-    if y > height:
+    if _draw_blocks(canvas, blocks, em, 0.3 * em - down) > height:
+        size = round(0.88 * em)
         band = line_height(size) + 0.2 * em
         canvas.rect(0, height - band, width, band, PANEL)
         canvas.rect(0.6 * em, height - band, width - 1.2 * em, 1, LINE)
@@ -184,10 +172,21 @@ def figures_picture(blocks: Sequence[Block], width: int, height: int, em: float,
 
 def figures_height(blocks: Sequence[Block], width: int, em: float) -> float:
     """Height of all of `figures_picture` in pixels."""
-    size = round(0.88 * em)
-    lines = sum(len(block.rows) for block in blocks)
-    lines += sum(len(wrapped(block.note, size, width - 1.2 * em)) for block in blocks if block.note)
-    return 0.6 * em + lines * line_height(size) + len(blocks) * (line_height(round(0.95 * em)) + 0.5 * em)
+    return _draw_blocks(Canvas(width, 1), blocks, em, 0.3 * em) + 0.3 * em
+
+
+def _draw_blocks(canvas: Canvas, blocks: Sequence[Block], em: float, y: float) -> float:
+    """Draw blocks from a y coordinate on; return the one below them."""
+    size, width = round(0.88 * em), canvas.width
+    for block in blocks:
+        y = heading(canvas, y, block.title, em)
+        for name, value in block.rows:
+            name_width = canvas.text(0.6 * em, y, name, size, DIM)
+            canvas.text(width - 0.6 * em, y, value, size, TEXT, align="right", width=width - name_width - 1.8 * em)
+            y += line_height(size)
+        note = wrapped(block.note, size, width - 1.2 * em) if block.note else []
+        y = canvas.lines(0.6 * em, y, note, size, DIM) + 0.3 * em
+    return y
 
 
 def heading(canvas: Canvas, y: float, text: str, em: float) -> float:

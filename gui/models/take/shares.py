@@ -1,6 +1,5 @@
 """Shares as chosen in a dialog, and what they take."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -27,8 +26,6 @@ PHONES_SERVE = (  # the same, where this machine serves
     "With https, the phone warns about the certificate, which is new each time: compare its\n"
     "fingerprint. Without https, it decodes more slowly and does not check what it receives."
 )
-
-_TEXTS = ("title", "credits", "license", "address")
 
 
 class NamedTarget:
@@ -84,22 +81,6 @@ class ShareRequest(NamedTarget):
     _target: str = ""
 
     @property
-    def replaces(self) -> bool:
-        """Whether there is something where it is to be written."""
-        return self.path.exists()
-
-    def kept(self) -> dict[str, str]:
-        """What was chosen, to begin with next time."""
-        return {name: getattr(self, name) for name in (*_TEXTS, "target")}
-
-    def begin_with(self, kept: Mapping[str, str]) -> None:
-        """Choose what was chosen last time, as `kept` tells it."""
-        for name in _TEXTS:
-            setattr(self, name, kept.get(name, ""))
-        if kept.get("target"):
-            self.set_target(kept["target"])
-
-    @property
     def usual_name(self) -> str:
         """Named after what is shared."""
         return f"{self.name}{FORMS[self.form][1]}"
@@ -107,7 +88,7 @@ class ShareRequest(NamedTarget):
     def arguments(self) -> list[str]:
         """For `v3studio share`."""
         found = [self.source, "--out", str(self.path), "--overwrite", "--json"]
-        for name in _TEXTS:
+        for name in ("title", "credits", "license", "address"):
             text = getattr(self, name)
             if text.strip():
                 found.append(f"--{name}={text.strip()}")
@@ -126,7 +107,7 @@ def share_words(size: ShareSize, form: str) -> str:
     return f"{player}." if form == "serve" else f"{player}, and a poster."
 
 
-def stale_words(bake: StageStatus | None, checked: bool = True, unreadable: bool = False) -> str:
+def stale_words(bake: StageStatus | None, checked: bool, unreadable: bool) -> str:
     """What to tell of a take's stream that is shared; "" if it is up to date."""
     if unreadable:
         return "Whether the stream is up to date is not known: the take's settings or its status cannot be read."
