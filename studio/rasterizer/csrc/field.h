@@ -39,10 +39,10 @@ struct Product {
     int a_row, a_step;
     const T* b;
     int b_row;
-    T* c;
-    int c_row;
-    const T* start;  // (N,), or null: zero
-    bool add, relu;
+    T* c = nullptr;
+    int c_row = 0;
+    const T* start = nullptr;  // (N,), or null: zero
+    bool add = false, relu = false;
 };
 
 template <typename T, int ROWS, int VECTORS>
@@ -197,17 +197,9 @@ static void field_forward(const FieldJob<T>& job, Buffer<T>& activations, T* out
                 const T* input = base + std::ptrdiff_t(FIELD_CHUNK) * field_offset(shape, l);
                 T* to = l == shape.layers ? last : base + std::ptrdiff_t(FIELD_CHUNK) * field_offset(shape, l + 1);
                 const T* weights = packed[l].get();
-                const Product<T> p = {layer.inputs,
-                                      input,
-                                      layer.padded_inputs,
-                                      1,
-                                      weights,
-                                      layer.padded_outputs,
-                                      to,
-                                      layer.padded_outputs,
-                                      weights + layer.padded_inputs * layer.padded_outputs,
-                                      false,
-                                      l < shape.layers};
+                Product<T> p{layer.inputs, input, layer.padded_inputs, 1, weights, layer.padded_outputs};
+                p.c = to, p.c_row = layer.padded_outputs;
+                p.start = weights + layer.padded_inputs * layer.padded_outputs, p.relu = l < shape.layers;
                 product<T>(p, FIELD_CHUNK, layer.padded_outputs);
             }
             for (int p = 0; p < points; p++)
@@ -265,24 +257,12 @@ static void field_backward(const FieldJob<T>& job, const Buffer<T>& activations,
                 for (int p = 0; p < FIELD_CHUNK; p++)
                     for (int o = 0; o < layer.padded_outputs; o += WIDTH<T>)
                         store(d_bias + o, load<T, V>(d_bias + o) + load<T, V>(gradient + p * layer.padded_outputs + o));
-                const Product<T> weights = {FIELD_CHUNK, gradient,
-                                            1,           layer.padded_outputs,
-                                            input,       layer.padded_inputs,
-                                            d_weights,   layer.padded_inputs,
-                                            nullptr,     true,
-                                            false};
+                Product<T> weights{FIELD_CHUNK, gradient, 1, layer.padded_outputs, input, layer.padded_inputs};
+                weights.c = d_weights, weights.c_row = layer.padded_inputs, weights.add = true;
                 product<T>(weights, layer.outputs, layer.padded_inputs);
-                const Product<T> inputs = {layer.outputs,
-                                           gradient,
-                                           layer.padded_outputs,
-                                           1,
-                                           packed[l].get(),
-                                           layer.padded_inputs,
-                                           below,
-                                           layer.padded_inputs,
-                                           nullptr,
-                                           false,
-                                           false};
+                const T* rows = packed[l].get();
+                Product<T> inputs{layer.outputs, gradient, layer.padded_outputs, 1, rows, layer.padded_inputs};
+                inputs.c = below, inputs.c_row = layer.padded_inputs;
                 product<T>(inputs, FIELD_CHUNK, layer.padded_inputs);
                 if (l > 0)
                     for (int i = 0; i < FIELD_CHUNK * layer.padded_inputs; i += WIDTH<T>) {
