@@ -44,6 +44,7 @@ FILM_FORMATS = {".nk": "nuke_cameras"} | dict.fromkeys(USD_SUFFIXES, "usd_camera
 """Modules of `studio.formats` that read cameras of film tools, by suffix: `read_cameras(path, width, height)` returns
 the cameras by name and frame number, with y up and in meters."""
 
+_FIELD_OF_VIEW = math.radians(40)  # of the turntable, along the shorter side
 _SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 
@@ -289,7 +290,7 @@ def subject_sphere(video: SplatVideo) -> tuple[np.ndarray, float]:
 
 
 def turntable(
-    video: SplatVideo, width: int, height: int, turns: float = 1.0, elevation: float = 10.0, field_of_view: float = 40.0
+    video: SplatVideo, width: int, height: int, turns: float = 1.0, elevation: float = 10.0
 ) -> Callable[[float], Camera]:
     """A function from a fraction of the path (0 to 1) to a camera that circles the subject, all of which it sees.
 
@@ -297,20 +298,16 @@ def turntable(
         video: provides the subject, the up direction and the side from which the path starts (that of its view).
         turns: number of turns; negative for the opposite direction.
         elevation: angle above the subject's center in degrees, -89 to 89.
-        field_of_view: along the shorter side in degrees, 1 to 150.
     """
     if not -89 <= elevation <= 89:
         problem = f"elevation is {elevation} degrees; it must be -89 to 89"
         raise StudioError("export.invalid_elevation", problem, value=elevation)
-    if not 1 <= field_of_view <= 150:
-        problem = f"field of view is {field_of_view} degrees; it must be 1 to 150"
-        raise StudioError("export.invalid_field_of_view", problem, value=field_of_view)
     center, radius = subject_sphere(video)
     from studio.formats.rigid_motion import upright
 
     right, up, front = upright(video)
-    focal = min(width, height) / 2 / math.tan(math.radians(field_of_view) / 2)
-    distance = 1.08 * radius / math.sin(math.radians(field_of_view) / 2)
+    focal = min(width, height) / 2 / math.tan(_FIELD_OF_VIEW / 2)
+    distance = 1.08 * radius / math.sin(_FIELD_OF_VIEW / 2)
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     level, lift = math.cos(math.radians(elevation)), math.sin(math.radians(elevation))
 
