@@ -79,12 +79,8 @@ class _Coarse:
 
     hull: Hull
     bounds: Bounds
-    disagreement: dict[str, float]
-    uncovered: dict[str, float]
-
-    @property
-    def mean_disagreement(self) -> float:
-        return float(np.mean(list(self.disagreement.values())))
+    disagreement: float  # mean of all cameras
+    uncovered: float  # share of the masks in three quarters of the cameras: a few outlier masks are never covered
 
 
 def _choose_min_views(shapes: list[Silhouette], settings: InitializeSettings, tick: Tick) -> _Coarse:
@@ -101,10 +97,9 @@ def _choose_min_views(shapes: list[Silhouette], settings: InitializeSettings, ti
         except StudioError as error:
             failure = failure or error
             continue
-        if best is None or found.mean_disagreement < best.mean_disagreement - 0.01:
+        if best is None or found.disagreement < best.disagreement - 0.01:
             best = found
-        # A quantile, since a few outlier masks are never covered.
-        if np.quantile(list(best.uncovered.values()), 0.75) < 0.04:
+        if best.uncovered < 0.04:
             break
     if best is None:
         assert failure is not None
@@ -124,7 +119,8 @@ def _zoom(shapes: list[Silhouette], settings: InitializeSettings, min_views: int
         if (bounds[1] - bounds[0]).max() > 0.7 * (before[1] - before[0]).max():
             break
     _, disagreement, uncovered = _compare(refined(mesh, _COARSE_FACES), shapes, tick)
-    return _Coarse(hull, bounds, disagreement, uncovered)
+    share = float(np.quantile(list(uncovered.values()), 0.75))
+    return _Coarse(hull, bounds, float(np.mean(list(disagreement.values()))), share)
 
 
 def _raise_empty(shapes: list[Silhouette], bounds: Bounds, min_views: int) -> NoReturn:
