@@ -77,71 +77,22 @@ def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
     return _Bits.apply(residual, mu, sigma)  # type: ignore[no-untyped-call,no-any-return]
 
 
-class ResidualEntropy(nn.Module):
-    """Equations 8 to 11: expected bits per splat of the quantized frame-to-frame residuals.
-
-    Each attribute has a learnable mean and standard deviation, in quantization steps. The constant y_min that equation
-    9 subtracts from the residual is included in the learnable mean.
-
-    Args:
-        previous: (N, C) coded values of frame t-1.
-        steps: (C,) quantization step of each channel.
-        attributes: columns of each attribute; they share a mean and a deviation.
-
-    Attributes:
-        owner: (C,) int64, the index of the attribute of each channel.
-        mu, log_sigma: (attributes,) the learned means and logarithms of the deviations.
-    """
-
-    owner: Tensor
-    _previous: Tensor
-    _steps: Tensor
-
-    def __init__(self, previous: Tensor, steps: Tensor, attributes: Mapping[str, slice]) -> None:
-        super().__init__()
-        owner = torch.zeros(previous.shape[1], dtype=torch.long)
-        for index, columns in enumerate(attributes.values()):
-            owner[columns] = index
-        self.register_buffer("owner", owner.to(previous.device))
-        self.register_buffer("_previous", previous.detach() / steps)
-        self.register_buffer("_steps", steps)
-        self.mu = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
-        self.log_sigma = nn.Parameter(torch.zeros(len(attributes), device=previous.device))
-
-    def forward(self, current: Tensor, seed: int) -> Tensor:
-        """Scalar: bits per splat, summed over the channels of all attributes and averaged over the N splats.
-
-        Args:
-            current: (N, C) coded values of frame t.
-            seed: of the uniform noise per element that simulates rounding, 0 to 2^32 - 1.
-        """
-        noise = uniform(current.numel(), seed, current.dtype, current.device).reshape(current.shape) - 0.5
-        residual = current / self._steps - self._previous + noise
-        bits = bits_of_residual(residual, self.mu[self.owner], self.log_sigma.exp()[self.owner])
-        return bits.sum() / current.shape[0]
-
-
-def temporal_loss(current: Tensor, previous: Tensor, plane_pixels: int) -> Tensor:
-    """Equation 12 on coded values (N, C): sum over attributes of |y_t - y_{t-1}|_1, over W x H of the video."""
-    return (current - previous).abs().sum() / plane_pixels
-
-
 class _Fused(torch.autograd.Function):
     """The weighted loss with its gradients, and the bits per splat, which have none."""
 
     @staticmethod
     def forward(
-        ctx: Any, kernels: Any, owner: CodedLoss, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor
+        ctx: Any, kernels: Any, loss: CodedLoss, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor
     ) -> tuple[Tensor, Tensor]:
         count, channels = now.shape
-        columns = owner.entropy.owner
+        columns = loss.owner
         sigma = log_sigma.detach().exp()
         gradient = torch.empty_like(now)
         by_mu, by_sigma = (torch.empty(channels, dtype=torch.float64) for _ in range(2))
-        bits_weight = owner.entropy_weight / count
+        bits_weight = loss.entropy_weight / count
         bits, difference = kernels.coded_loss(
-            now.detach().contiguous(), owner.before, owner.steps, mu.detach()[columns], sigma[columns], seed,
-            bits_weight, owner.temporal_weight / owner.pixels, gradient, by_mu, by_sigma, kernel_threads(),
+            now.detach().contiguous(), loss.before, loss.steps, mu.detach()[columns], sigma[columns], seed,
+            bits_weight, loss.temporal_weight / loss.pixels, gradient, by_mu, by_sigma, kernel_threads(),
         )  # fmt: skip
         zeros = torch.zeros(len(mu), dtype=torch.float64)
         ctx.save_for_backward(
@@ -151,7 +102,7 @@ class _Fused(torch.autograd.Function):
         )
         per_splat = now.new_tensor(bits / count)
         ctx.mark_non_differentiable(per_splat)
-        return now.new_tensor(bits_weight * bits + owner.temporal_weight / owner.pixels * difference), per_splat
+        return now.new_tensor(bits_weight * bits + loss.temporal_weight / loss.pixels * difference), per_splat
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
@@ -163,17 +114,24 @@ class _Fused(torch.autograd.Function):
 class CodedLoss(nn.Module):
     """Weighted sum of the residual entropy (paper equations 8 to 11) and the temporal loss (equation 12).
 
+    The residual entropy is the expected bits per splat of the quantized frame-to-frame residuals. Each attribute has a
+    learnable mean and standard deviation, in quantization steps. The constant y_min that equation 9 subtracts from the
+    residual is included in the learnable mean.
+
     Args:
         before: (N, C) coded values of frame t-1.
         steps: (C,) quantization step of each channel.
-        attributes: columns of each attribute; see `ResidualEntropy`.
+        attributes: columns of each attribute; they share a mean and a deviation.
         pixels: W x H of equation 12.
         entropy_weight: weight of the bits per splat; 0: without.
         temporal_weight: weight of the temporal loss; 0: without.
 
     Attributes:
-        entropy: the distributions of the residuals; their parameters are learned.
+        owner: (C,) int64, the index of the attribute of each channel.
+        mu, log_sigma: (attributes,) the learned means and logarithms of the deviations.
     """
+
+    owner: Tensor
 
     def __init__(
         self,
@@ -187,17 +145,22 @@ class CodedLoss(nn.Module):
         super().__init__()
         self.before, self.steps, self.pixels = before.detach().contiguous(), steps, pixels
         self.entropy_weight, self.temporal_weight = entropy_weight, temporal_weight
-        self.entropy = ResidualEntropy(before, steps, attributes)
+        owner = torch.zeros(before.shape[1], dtype=torch.long)
+        for index, columns in enumerate(attributes.values()):
+            owner[columns] = index
+        self.register_buffer("owner", owner.to(before.device))
+        self.mu = nn.Parameter(torch.zeros(len(attributes), device=before.device))
+        self.log_sigma = nn.Parameter(torch.zeros(len(attributes), device=before.device))
 
     @cached_property
     def attribute_of_channel(self) -> Tensor:
-        """(C,) int32, the index of the attribute of each channel."""
-        return self.entropy.owner.int()
+        """(C,) int32, the same as `owner`."""
+        return self.owner.int()
 
     @cached_property
     def channels_of_attribute(self) -> Tensor:
         """(attributes, C) float64: 1 where a channel belongs to an attribute."""
-        return torch.nn.functional.one_hot(self.entropy.owner, len(self.entropy.mu)).T.double()
+        return torch.nn.functional.one_hot(self.owner, len(self.mu)).T.double()
 
     def forward(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
         """The loss, a scalar, and the bits per splat, a scalar without gradient; 0 if `entropy_weight` is 0.
@@ -208,19 +171,20 @@ class CodedLoss(nn.Module):
         """
         kernels = kernels_for(now, self.before, self.steps)
         if kernels is not None:
-            entropy = self.entropy
-            return _Fused.apply(kernels, self, seed, now, entropy.mu, entropy.log_sigma)  # type: ignore[no-untyped-call,no-any-return]
+            return _Fused.apply(kernels, self, seed, now, self.mu, self.log_sigma)  # type: ignore[no-untyped-call,no-any-return]
         if now.device.type == "cuda" and now.dtype == torch.float32 and "triton" in available_backends():
-            return coded_loss_triton(self, self.entropy.mu, self.entropy.log_sigma, now, seed)
+            return coded_loss_triton(self, self.mu, self.log_sigma, now, seed)
         return self.forward_torch(now, seed)
 
     def forward_torch(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
         """`forward` in plain PyTorch, for any device and dtype. This is the definition of the loss."""
         loss, bits = now.new_zeros(()), now.new_zeros(())
         if self.entropy_weight:
-            bits = self.entropy(now, seed)
+            noise = uniform(now.numel(), seed, now.dtype, now.device).reshape(now.shape) - 0.5
+            residual = now / self.steps - self.before / self.steps + noise
+            bits = bits_of_residual(residual, self.mu[self.owner], self.log_sigma.exp()[self.owner]).sum() / len(now)
             loss = self.entropy_weight * bits
         if self.temporal_weight:
-            difference = temporal_loss(now, self.before, self.pixels)
+            difference = (now - self.before).abs().sum() / self.pixels  # by attribute and splat, |y_t - y_t-1|_1
             loss = loss + self.temporal_weight * difference
         return loss, bits.detach()

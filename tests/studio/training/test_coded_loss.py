@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import log_ndtr
 
-from studio.training.coded_loss import CodedLoss, ResidualEntropy, bits_of_residual, temporal_loss
+from studio.training.coded_loss import CodedLoss, bits_of_residual
 from studio.training.noise import uniform
 from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 
@@ -28,8 +28,8 @@ def make(dtype: torch.dtype, count: int, spread: float, weights: tuple[float, fl
     now = before + (spread * normal(count, 11)).to(dtype) * steps
     loss = CodedLoss(before, steps, ATTRIBUTES, 900, *weights).to(dtype)
     with torch.no_grad():
-        loss.entropy.mu.copy_(0.3 * normal(4))
-        loss.entropy.log_sigma.copy_(0.7 * normal(4))
+        loss.mu.copy_(0.3 * normal(4))
+        loss.log_sigma.copy_(0.7 * normal(4))
     return loss, now
 
 
@@ -38,15 +38,15 @@ def in_double(loss: CodedLoss) -> CodedLoss:
     weights = loss.entropy_weight, loss.temporal_weight
     exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, *weights).double()
     with torch.no_grad():
-        exact.entropy.mu.copy_(loss.entropy.mu)
-        exact.entropy.log_sigma.copy_(loss.entropy.log_sigma)
+        exact.mu.copy_(loss.mu)
+        exact.log_sigma.copy_(loss.log_sigma)
     return exact
 
 
 def results(loss: CodedLoss, now: torch.Tensor, fused: bool) -> list[torch.Tensor]:
     leaf = now.clone().requires_grad_()
     total, bits = (loss if fused else loss.forward_torch)(leaf, 91)
-    leaves = [leaf, loss.entropy.mu, loss.entropy.log_sigma] if loss.entropy_weight else [leaf]
+    leaves = [leaf, loss.mu, loss.log_sigma] if loss.entropy_weight else [leaf]
     return [total.detach(), bits, *torch.autograd.grad(2 * total, leaves)]
 
 
@@ -103,7 +103,7 @@ def test_entropy_sums_elements_and_averages_splats() -> None:
     before = torch.randn(50, 20)
     steps = torch.rand(20) + 0.5
     current = before + torch.randn(50, 20)
-    total = ResidualEntropy(before, steps, {**ATTRIBUTES, "sh": slice(11, 20)})(current, 3)
+    _, total = CodedLoss(before, steps, {**ATTRIBUTES, "sh": slice(11, 20)}, 64, 1.0, 0.0).forward_torch(current, 3)
     noise = uniform(1000, 3, torch.float32).reshape(50, 20) - 0.5
     bits = bits_of_residual((current - before) / steps + noise, torch.zeros(()), torch.ones(()))
     assert total.item() == pytest.approx(bits.sum().item() / 50, rel=1e-4)
@@ -112,4 +112,5 @@ def test_entropy_sums_elements_and_averages_splats() -> None:
 def test_temporal_loss_is_the_sum_over_the_plane() -> None:
     before = torch.cat([torch.zeros(10, 3), torch.ones(10, 3)], 1)
     now = torch.cat([torch.full((10, 3), -0.5), torch.full((10, 3), 3.0)], 1)
-    assert temporal_loss(now, before, 64).item() == pytest.approx((15 + 60) / 64)
+    loss, _ = CodedLoss(before, torch.ones(6), {"scale": slice(0, 6)}, 64, 0.0, 1.0).forward_torch(now, 3)
+    assert loss.item() == pytest.approx((15 + 60) / 64)

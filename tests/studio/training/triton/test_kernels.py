@@ -143,7 +143,7 @@ def test_the_loss_on_coded_values_on_the_gpu() -> None:
 
     def run() -> list[Tensor]:
         value, _ = on_gpu(here := now.cuda().requires_grad_(), 7)
-        leaves = [here, on_gpu.entropy.mu, on_gpu.entropy.log_sigma]
+        leaves = [here, on_gpu.mu, on_gpu.log_sigma]
         return [value.detach(), *torch.autograd.grad(value, leaves)]
 
     check_on_the_gpu(run, [truth.detach(), *torch.autograd.grad(truth, leaf)])
