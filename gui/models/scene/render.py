@@ -4,7 +4,8 @@ import numpy as np
 
 from gui.drawing import compare
 from gui.drawing.canvas import Canvas
-from gui.drawing.palette import GROUND, TEXT
+from gui.drawing.labels import draw_labels
+from gui.drawing.palette import GROUND
 from gui.models.scene.compose import SplatLayer, Surfaces, compose, draw_layer
 from gui.models.scene.contents import Color, Lines, SceneContents, SceneRequest
 from gui.models.scene.fragments import NEAR, Patch, image_on_quad, line_fragments, point_fragments
@@ -27,25 +28,12 @@ def render_scene(
     contents, em = reader.read(request).seen_from(view.center), request.em
     splats = draw_layer(gaussians, view) if "splats" in request.parts else None
     canvas = draw_contents(contents, view, splats, request.background)
-    _write_names(canvas, view, contents, splats, em)
-    ends = draw_gizmo(canvas, view, em)
+    cameras, ends = frusta_places(contents, view), draw_gizmo(canvas, view, em)
+    nearest = cameras[::-1]  # those in front choose first where their names are
+    draw_labels(canvas, [name for name, _ in nearest], [corners for _, corners in nearest], round(0.8 * em))
     if contents.words:
         compare.label(canvas, 0.6 * em, 0.6 * em, contents.words, size=round(0.85 * em))
-    return canvas.pixels, tuple(frusta_places(contents, view)), tuple(ends)
-
-
-def _write_names(canvas: Canvas, view: Camera, contents: SceneContents, splats: SplatLayer | None, em: float) -> None:
-    """Write the cameras' names, except behind the splats."""
-    if not contents.cameras:
-        return
-    pixels, depth = view.project(np.array([one.camera.center for one in contents.cameras]))
-    for one, (x, y), away in zip(contents.cameras, pixels, depth, strict=True):
-        if away <= NEAR or not (0 <= x < view.width and 0 <= y < view.height):
-            continue
-        row, column = int(y), int(x)
-        hidden = splats is not None and splats.alpha[row, column] > 0.5 and splats.depth[row, column] < away
-        if not hidden:
-            canvas.text(float(x), float(y) + 4, one.camera.name, round(0.8 * em), TEXT, align="middle")
+    return canvas.pixels, tuple(cameras), tuple(ends)
 
 
 def draw_contents(
