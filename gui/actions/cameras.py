@@ -34,12 +34,11 @@ class CameraActions:
         self._window = window
         self._worst = WorstDialog(window.dialogs, self._show_frame, self._picture)
         window.thumbnails.changed.connect(self._worst.update)
-        views, garbage, notices = window.views, window.views.capture.garbage, window.notices
+        views = window.views
         views.clicked.connect(lambda: window.camera_menu.close())
         views.camera_clicked.connect(self._clicked)
         views.camera_menu.connect(later(self._open_menu))
-        garbage.refused.connect(partial(notices.show, bad=True, topic="garbage"))
-        garbage.written.connect(partial(notices.clear, "garbage"))
+        views.capture.garbage.outcome.connect(partial(window.notices.outcome, "garbage"))
 
     def _clicked(self, camera: str) -> None:
         if self._window.views.stage == "capture":

@@ -34,8 +34,7 @@ class GarbageDrawing:
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self.corners: tuple[Point, ...] = ()
-        self.refused: Signal[[str]] = Signal()
-        self.written: Signal[[]] = Signal()
+        self.outcome: Signal[[str]] = Signal()  # emitted with why a change is refused, "" if it was made
         self._corners_of: object = None
 
     def polygons(self) -> Polygons:
@@ -78,7 +77,7 @@ class GarbageDrawing:
         try:
             old = self.polygons()
         except StudioError as error:
-            self.refused.emit(str(error))
+            self.outcome.emit(str(error))
             return
         one = old.get(camera, GarbagePolygons())
         x, y = (np.array(at) * _scale(one, size)).tolist()
@@ -97,7 +96,7 @@ class GarbageDrawing:
             used = context is not None and context.config.capture.garbage_masks
             old = self.polygons() if used else self._own() or {}  # or the file would lose what is in it
         except StudioError as error:
-            self.refused.emit(str(error))
+            self.outcome.emit(str(error))
             return
         one = old.get(camera, GarbagePolygons())
         polygon = np.array(self.corners) * _scale(one, size)
@@ -133,10 +132,10 @@ class GarbageDrawing:
             before: _State = (setting_value(context.config, SETTING), self._own())
             self._apply(after)
         except StudioError as error:
-            self.refused.emit(str(error))
+            self.outcome.emit(str(error))
             return False
         workspace.history.add(Change(words, lambda: self._apply(before), lambda: self._apply(after)))
-        self.written.emit()
+        self.outcome.emit("")
         return True
 
     def _apply(self, state: _State) -> None:
