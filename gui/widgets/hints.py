@@ -22,9 +22,8 @@ class Hints:
 
     def __init__(self, follows: bool, em: float) -> None:
         self._follows, self._em = follows, em
-        self._texts: list[tuple[gui.Widget, gui.Widget, str]] = []
+        self._texts: dict[gui.Widget, tuple[gui.Widget, str]] = {}  # row and text
         self._over: gui.Widget | None = None
-        self._row: gui.Widget | None = None
         self._clicked: gui.Widget | None = None  # no hint of it until the pointer has left it
         self._since = 0.0
         self.text = ""  # what it says; "" if there is none
@@ -35,30 +34,26 @@ class Hints:
 
     def give(self, widget: gui.Widget, text: str, row: gui.Widget) -> None:
         """Set the hint of a widget in a row, which is hidden with it."""
-        if not self._follows:
+        if self._follows:
+            self._texts[widget] = (row, text)
+        else:
             widget.tooltip = text
-            return
-        self._texts = [one for one in self._texts if one[0] is not widget]
-        self._texts.append((widget, row, text))
 
     def press(self, x: int, y: int, lists: Iterable[gui.Widget]) -> None:
         """The left button is pressed at a window pixel. `lists`: the widgets that open a list when they are clicked."""
-        found = self._at(x, y)
-        self._clicked = found[0] if found is not None else None
+        self._clicked = self._at(x, y)
         self.listing = not self.listing and any(widget.visible and holds(widget, x, y) for widget in lists)
 
     def update(self, pointer: tuple[int, int] | None, hidden: bool) -> bool:
         """Show the hint of what the pointer, in window pixels, rests on; returns whether a layout is needed."""
-        found = self._at(*pointer) if pointer is not None else None
-        if found is None or found[0] is not self._clicked:
+        over = self._at(*pointer) if pointer is not None else None
+        if over is not self._clicked:
             self._clicked = None
         if hidden or self._clicked is not None:
-            found = None
-        over = found[0] if found is not None else None
+            over = None
         if over is not self._over:
             self._over, self._since = over, time.monotonic()
-        self._row = found[1] if found is not None else None
-        text = found[2] if found is not None and time.monotonic() >= self._since + DELAY else ""
+        text = self._texts[over][1] if over is not None and time.monotonic() >= self._since + DELAY else ""
         if self.text == text:
             return False
         self.text, self.picture.widget.visible = text, bool(text)
@@ -68,20 +63,20 @@ class Hints:
         """Show none until the pointer has rested again."""
         self.text, self._over, self.picture.widget.visible = "", None, False
 
-    def _at(self, x: int, y: int) -> tuple[gui.Widget, gui.Widget, str] | None:
-        shown = (one for one in self._texts if one[2] and one[0].visible and one[1].visible)
-        return next((one for one in shown if holds(one[0], x, y)), None)
+    def _at(self, x: int, y: int) -> gui.Widget | None:
+        shown = (one for one, (row, text) in self._texts.items() if text and one.visible and row.visible)
+        return next((one for one in shown if holds(one, x, y)), None)
 
     def place(self, view: Box) -> None:
         """Place the hint beside the buttons of its row if there is room, which covers nothing; else over the view
         (pixels), as near to its widget as that allows."""
-        if self._over is None or self._row is None or not self.text:
+        if self._over is None or not self.text:
             return
         em, frame = self._em, self._over.frame
         size, pad, gap = round(0.88 * em), round(0.4 * em), round(0.5 * em)
         high = max(round(1.4 * em), LEAST_HIGH)
         wide = _stepped(text_width(self.text, size) + 2 * pad)
-        rooms = [(left, right) for left, right in self._gaps(gap) if right - left >= wide]
+        rooms = [(left, right) for left, right in self._gaps(self._over, gap) if right - left >= wide]
         if rooms:
             left, right = min(rooms, key=lambda room: max(room[0] - frame.x, frame.x - room[1], 0))
             x = min(max(frame.x, left), right - wide)
@@ -97,13 +92,12 @@ class Hints:
         )
         self._draw(lines, x, y, wide, high)
 
-    def _gaps(self, gap: int) -> list[tuple[int, int]]:
-        """Columns of the line of the row that no widget takes, from left to right."""
-        assert self._over is not None
-        assert self._row is not None
-        line, row = self._over.frame, self._row.frame
+    def _gaps(self, over: gui.Widget, gap: int) -> list[tuple[int, int]]:
+        """Columns of the line of a widget that none takes in its row, from left to right."""
+        line, row = over.frame, self._texts[over][0].frame
         left, found = row.x, []
-        frames = [widget.frame for widget, row, _ in self._texts if row is self._row and widget.visible]
+        beside = [one for one, (row, _) in self._texts.items() if row is self._texts[over][0]]
+        frames = [widget.frame for widget in beside if widget.visible]
         for frame in sorted(frames, key=lambda one: one.x):
             if frame.y < line.y + line.height and line.y < frame.y + frame.height:
                 found.append((left, frame.x - gap))
