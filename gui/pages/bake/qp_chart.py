@@ -19,6 +19,7 @@ class QpChart:
 
     def __init__(self, size: Size, em: float, trial: QpTrial, current: int | str, done: str) -> None:
         self.canvas, self._em, self._current = Canvas(*size, GROUND), em, current
+        self._small, self._step = round(0.85 * em), 1.25 * line_height(round(em))
         self.points: dict[int | str, tuple[float, float]] = {}
         results, running = dict(sorted(trial.results.items())), trial.running
         self.cells = [list(TITLES), *(_words(qp, found, trial.fps) for qp, found in results.items())]
@@ -33,14 +34,6 @@ class QpChart:
         if not beside:
             top += (len({*TRIED_QPS, *results}) + 1.5) * self._step
         self._curve(em, top, (size[0] - table if beside else size[0]) - 2 * em, size[1] - top - em, results)
-
-    @property
-    def _small(self) -> int:
-        return round(0.85 * self._em)
-
-    @property
-    def _step(self) -> float:
-        return 1.25 * line_height(round(self._em))
 
     def _table(self, x: float, y: float, results: dict[int, Trial], running: bool) -> None:
         canvas, em = self.canvas, self._em

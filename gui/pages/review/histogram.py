@@ -1,9 +1,5 @@
 """A histogram of the splats' opacities beside the image, with the limit of floaters as a line that can be dragged."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 
 from gui.drawing.canvas import Canvas
@@ -14,23 +10,13 @@ LEAST, MOST = 0.005, 1.0  # limits that can be dragged to; 0 is not one
 _WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6  # of the whole panel and around it, em
 
 
-@dataclass(frozen=True)
 class HistogramPlace:
-    """Where the bars are in an image, pixels. `em`: font size, pixels."""
+    """Where the bars are: in the lower left corner of an image of some size (width, height), pixels."""
 
-    left: float
-    top: float
-    width: float
-    height: float
-    em: float
-
-    @classmethod
-    def of(cls, size: tuple[int, int], em: float) -> HistogramPlace:
-        """In the lower left corner of an image of some size (width, height), pixels."""
-        left = (_MARGIN + 0.6) * em
-        width = min(_WIDTH * em, size[0] - 2 * _MARGIN * em) - 1.2 * em
-        height = (_HEIGHT - 3.4) * em
-        return cls(left, size[1] - (_MARGIN + 1.6) * em - height, max(width, 1.0), height, em)
+    def __init__(self, size: tuple[int, int], em: float) -> None:
+        self.em, self.left, self.height = em, (_MARGIN + 0.6) * em, (_HEIGHT - 3.4) * em
+        self.top = size[1] - (_MARGIN + 1.6) * em - self.height
+        self.width = max(min(_WIDTH * em, size[0] - 2 * _MARGIN * em) - 1.2 * em, 1.0)
 
     def opacity_at(self, x: float) -> float:
         """The limit at a column of the image."""

@@ -306,7 +306,7 @@ class EditView(OrbitView):
 
     @property
     def _histogram(self) -> HistogramPlace:
-        return HistogramPlace.of(self._size, self.em)
+        return HistogramPlace(self._size, self.em)
 
     def _limit(self, x: float) -> None:
         """Select splats below the opacity at a column of the histogram, besides what other limits select."""
@@ -458,7 +458,7 @@ class EditView(OrbitView):
             limits = (state.pending or state.edits).floaters
             kept = ~(found.crop | found.ground | found.regions)
             opacities, limit = edited.paths.opacities.max(axis=0)[kept], limits.opacity if limits is not None else None
-            draw_histogram(canvas, HistogramPlace.of(size, state.em), opacities, limit)
+            draw_histogram(canvas, HistogramPlace(size, state.em), opacities, limit)
         self._say(canvas, state)
         return canvas.pixels
 
