@@ -66,7 +66,8 @@ class Camera:
                 fix="",
                 expected=[[3, 3], [4, 4]],
             )
-        for key, value in (("K", K), ("world_to_camera", pose), ("distortion", distortion)):
+        matrices = {"K": K, "world_to_camera": pose, "distortion": distortion}
+        for key, value in matrices.items():
             check_finite(value, key, self.name)
         if self.width < 1 or self.height < 1:
             problem = f"the image size is {self.width}x{self.height}, expected at least 1x1"
@@ -88,11 +89,8 @@ class Camera:
                 fix="Add zeros up to the next of these counts.",
                 expected=list(_DISTORTION_LENGTHS),
             )
-        object.__setattr__(self, "K", K)
-        object.__setattr__(self, "world_to_camera", pose)
-        object.__setattr__(self, "distortion", distortion)
-        object.__setattr__(self, "width", int(self.width))
-        object.__setattr__(self, "height", int(self.height))
+        for key, made in {**matrices, "width": int(self.width), "height": int(self.height)}.items():
+            object.__setattr__(self, key, made)
 
     @classmethod
     def look_at(

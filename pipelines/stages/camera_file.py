@@ -101,12 +101,7 @@ def _in(root: Path) -> list[Path]:
     found: list[Path] = []
     for folder in (root / name for name in _FOLDERS):
         found += find_camera_files(folder) if folder.is_dir() else []
-    if not found:  # VideoGS: a folder per frame with its own transforms.json, the same in all
-        frames = [part for part in root.glob("*/transforms.json") if part.parent.name.isdecimal()]
-        found = sorted(frames, key=lambda part: int(part.parent.name))[:1]
-    if not found:
-        found = [root / name for name in _ONE_PER_CAMERA if _is_of_cameras(files_of(root / name))][:1]
-    return found
+    return found or [root / name for name in _ONE_PER_CAMERA if _is_of_cameras(files_of(root / name))][:1]
 
 
 def _is_of_cameras(files: list[Path]) -> bool:

@@ -46,14 +46,17 @@ _LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 de
 
 
 def find_camera_files(folder: Path) -> list[Path]:
-    """Camera files with common names in a folder, or the folder itself if it contains a COLMAP model."""
+    """Camera files with common names in a folder, or the folder itself if it contains a COLMAP model or MVSNet's files;
+    if there are none, that of the first of VideoGS's folders, one per frame, which all have the same cameras."""
     found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
     for pattern in _USUAL_PATTERNS:
         found += [path for path in sorted(folder.glob(pattern)) if path not in found]
     colmap = any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin"))
     if colmap or numbered_models(folder) or any(folder.glob(f"*{mvsnet.SUFFIX}")):
         found.append(folder)
-    return found or [folder / name for name in _LESS_EXACT if (folder / name).is_file()][:1]
+    found = found or [folder / name for name in _LESS_EXACT if (folder / name).is_file()][:1]
+    frames = [] if found else [path for path in folder.glob("*/transforms.json") if path.parent.name.isdecimal()]
+    return found or sorted(frames, key=lambda path: int(path.parent.name))[:1]
 
 
 def read_rig(path: Path | str) -> Rig:
@@ -167,10 +170,6 @@ def _read_folder(folder: Path) -> Rig:
         raise StudioError("camera_file.ambiguous", problem, value=[file.name for file in files], fix=fix)
     if files and files[0] != folder:
         return read_rig(files[0])
-    frames = [part for part in folder.iterdir() if part.is_dir() and part.name.isdecimal()]
-    with_cameras = [frame for frame in frames if (frame / "transforms.json").is_file()]
-    if with_cameras and not files:  # VideoGS: one folder per frame, all with the same cameras
-        return read_rig(min(with_cameras, key=lambda frame: int(frame.name)) / "transforms.json")
     return read_colmap(folder)
 
 
