@@ -15,6 +15,7 @@ from studio.errors import StudioError
 from studio.json_types import JsonObject
 
 MAX_FEATURES = 8192  # per image
+_NEAREST, _WIDEST = 10, 80.0  # cameras with which each is matched if poses are known; degrees between their views
 _FOCAL_FACTOR = 1.2  # initial focal length where none is known, as a multiple of the longer side
 _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
 """Camera models used during mapping; the remaining terms are estimated afterwards."""
@@ -151,14 +152,14 @@ def sfm_job(
     )
 
 
-def neighbors(rig: Rig, each: int = 10, widest: float = 80.0) -> list[tuple[int, int]]:
-    """Sorted pairs of cameras worth matching: each with the nearest; views at most `widest` degrees apart."""
+def neighbors(rig: Rig) -> list[tuple[int, int]]:
+    """Sorted pairs of cameras worth matching: each with the nearest that look in a similar direction."""
     centers = rig.centers
     forward = np.array([camera.forward for camera in rig])
     angles = np.degrees(np.arccos(np.clip(forward @ forward.T, -1, 1)))
     pairs = set()
     for index in range(len(rig)):
         order = np.argsort(np.linalg.norm(centers - centers[index], axis=1), kind="stable")
-        near = [int(other) for other in order if other != index and angles[index, other] <= widest]
-        pairs |= {(min(index, other), max(index, other)) for other in near[:each]}
+        near = [int(other) for other in order if other != index and angles[index, other] <= _WIDEST]
+        pairs |= {(min(index, other), max(index, other)) for other in near[:_NEAREST]}
     return sorted(pairs)

@@ -258,7 +258,7 @@ def test_sync_frames_become_one_image_per_camera(tmp_path: Path) -> None:
 
 
 def test_neighbors_have_similar_viewing_directions() -> None:
-    pairs = neighbors(ring(12), each=4)
+    pairs = neighbors(ring(12))
     steps = {min((b - a) % 12, (a - b) % 12) for a, b in pairs}
     assert steps == {1, 2}  # 90 degrees apart is too far
     assert len(pairs) == 24
