@@ -261,18 +261,15 @@ def _result(
 def _figures(
     rig: Rig, points3d: np.ndarray, observations: dict[str, np.ndarray], names: list[str], world: np.ndarray
 ) -> dict[str, TiePointReport]:
-    errors: dict[int, list[float]] = {number: [] for number in range(len(names))}
+    errors, counts = np.zeros(len(names)), np.zeros(len(names), int)
     for camera in rig:
         rows = observations[camera.name]
         index = rows[:, 0].astype(int)
-        off = np.linalg.norm(camera.project(points3d[index])[0] - rows[:, 1:], axis=1)
-        for number, error in zip(index, off, strict=True):
-            errors[int(number)].append(float(error))
-    found: dict[str, TiePointReport] = {}
-    for number, name in enumerate(names):
-        figures: dict[str, Any] = {"cameras": len(errors[number])}
-        figures["error"] = round(float(np.mean(errors[number])), 3) if errors[number] else None
-        if not np.isnan(world[number, 0]):
-            figures["off"] = round(float(np.linalg.norm(points3d[number] - world[number])), 5)
-        found[name] = TiePointReport(**figures)
+        errors[index] += np.linalg.norm(camera.project(points3d[index])[0] - rows[:, 1:], axis=1)
+        counts[index] += 1
+    found = {}
+    for name, error, count, point, measured in zip(names, errors, counts, points3d, world, strict=True):
+        off = {} if np.isnan(measured[0]) else {"off": round(float(np.linalg.norm(point - measured)), 5)}
+        mean = round(float(error / count), 3) if count else None
+        found[name] = TiePointReport(cameras=int(count), error=mean, **off)
     return found

@@ -165,8 +165,7 @@ def _with_usual_focal(report: CalibrationReport, rig: Rig) -> CalibrationReport:
         like = [other.fx for other in rig if (other.width, other.height) == (camera.width, camera.height)]
         usual = float(np.median(like))
         if len(like) > 2 and not 1 / _FOCAL < camera.fx / usual < _FOCAL:
-            found = cameras[camera.name].model_copy(update={"usual_focal": round(usual, 1)})
-            cameras[camera.name] = found
+            cameras[camera.name] = cameras[camera.name].model_copy(update={"usual_focal": round(usual, 1)})
     return report.model_copy(update={"cameras": cameras})
 
 

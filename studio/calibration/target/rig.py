@@ -200,10 +200,8 @@ def _result(
         world = upright(rig, points, keep_scale=True)
     rig, points = world.rig(rig), world.points(points)
     seen = np.unique(np.concatenate([rows[:, 0] for rows in observations.values()]).astype(int))
-    renumber = np.full(len(points), -1)
-    renumber[seen] = np.arange(len(seen))
     for rows in observations.values():
-        rows[:, 0] = renumber[rows[:, 0].astype(int)]
+        rows[:, 0] = np.searchsorted(seen, rows[:, 0])
     report = reprojection_report(rig, points[seen], observations, target=figures, metric=True)
     return CalibrationResult(rig, points[seen], np.full((len(seen), 3), 255, np.uint8), report)
 
