@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from studio.capture.media import open_media, video_stream
-from studio.errors import StudioError
+from studio.errors import StudioError, naming
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -34,32 +34,25 @@ class Timecode:
     day: int
 
 
-def parse_timecode(text: str, rate: Fraction, file: Path | None = None) -> Timecode:
+def parse_timecode(text: str, rate: Fraction) -> Timecode:
     """The frame that a label `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame, names; StudioError
     (`sync.timecode_invalid`) if there is no such label at this rate. Drop-frame labels leave out the first two of each
     minute (four at 59.94 fps), except in each tenth."""
-    found = _LABEL.fullmatch(text.strip())
-    fps = round(rate)
-    if found is None or fps < 1:
-        raise _invalid(text, rate, file)
-    hours, minutes, seconds, frames = (int(found[number]) for number in (1, 2, 3, 5))
-    if hours > 23 or minutes > 59 or seconds > 59 or frames >= fps:
-        raise _invalid(text, rate, file)
-    number, day = fps * (3600 * hours + 60 * minutes + seconds) + frames, fps * 86400
-    if found[4] != ":":
-        dropped, minute = fps // 15, 60 * hours + minutes
-        if fps % 30 or abs(rate / (fps * _NTSC) - 1) > 1e-4 or (minutes % 10 and not seconds and frames < dropped):
-            raise _invalid(text, rate, file)
-        number -= dropped * (minute - minute // 10)
-        day -= dropped * (1440 - 144)
-    return Timecode(text.strip(), rate, number, day)
-
-
-def _invalid(text: str, rate: Fraction, file: Path | None) -> StudioError:
-    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    problem = f"'{text}' is not a timecode at {float(rate):.5g} fps"
-    fix = "Write the timecode again, or synchronize by sound or motion."
-    return StudioError("sync.timecode_invalid", problem, file=file, value=text, fix=fix)
+    found, fps, dropped = _LABEL.fullmatch(text.strip()), round(rate), 0
+    hours, minutes, seconds, frames = (int(found[number]) for number in (1, 2, 3, 5)) if found else (24, 0, 0, 0)
+    valid = hours < 24 and minutes < 60 and seconds < 60 and frames < fps
+    if found is not None and found[4] != ":":
+        dropped = fps // 15
+        skipped = minutes % 10 > 0 and seconds == 0 and frames < dropped
+        valid = valid and fps % 30 == 0 and abs(rate / (fps * _NTSC) - 1) <= 1e-4 and not skipped
+    if not valid:
+        text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+        problem = f"'{text}' is not a timecode at {float(rate):.5g} fps"
+        fix = "Write the timecode again, or synchronize by sound or motion."
+        raise StudioError("sync.timecode_invalid", problem, value=text, fix=fix)
+    minute = 60 * hours + minutes
+    number = fps * (60 * minute + seconds) + frames - dropped * (minute - minute // 10)
+    return Timecode(text.strip(), rate, number, fps * 86400 - dropped * (1440 - 144))
 
 
 def read_timecode(file: Path) -> Timecode | None:
@@ -79,7 +72,8 @@ def read_timecode(file: Path) -> Timecode | None:
         raise StudioError("footage.video_unreadable", f"cannot read the timecode ({error})", file=file) from None
     if text is None or not rate:
         return None
-    timecode = parse_timecode(text, Fraction(rate), file)
+    with naming(file):
+        timecode = parse_timecode(text, Fraction(rate))
     if first is not None and first != timecode.frames:
         problem = f"the timecode {timecode.text} does not count the frames of the video ({float(rate):.5g} fps)"
         fix = "Synchronize by sound or motion."

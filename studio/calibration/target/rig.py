@@ -24,8 +24,12 @@ _COVERED = 0.6
 point cannot be distinguished from a rotated camera."""
 
 
-def _estimates_principal_point(views: Sequence[TargetObservation], size: tuple[int, int]) -> bool:
-    return image_coverage(np.concatenate([view.pixels for view in views]), size) >= _COVERED
+def _start(
+    name: str, size: tuple[int, int], views: Sequence[TargetObservation], settings: CalibrateSettings
+) -> tuple[Camera, bool]:
+    """Initial intrinsics of a camera, and whether its principal point is estimated."""
+    covered = bool(views) and image_coverage(np.concatenate([view.pixels for view in views]), size) >= _COVERED
+    return intrinsics_from_views(name, size, views, settings.camera_model, principal_point=covered), covered
 
 
 def detect_target(
@@ -86,8 +90,7 @@ def calibrate_intrinsics(
     settings = settings or CalibrateSettings()
     cameras, figures = {}, {}
     for name, seen in views.items():
-        principal_point = bool(seen) and _estimates_principal_point(seen, sizes[name])
-        start = intrinsics_from_views(name, sizes[name], seen, settings.camera_model, principal_point=principal_point)
+        start, principal_point = _start(name, sizes[name], seen, settings)
         state = chain_poses({name: start}, {(number, name): view for number, view in enumerate(seen)})
         if not state.views:
             problem = f"camera '{name}': no intrinsics fit its {len(seen)} images of the target"
@@ -146,10 +149,7 @@ def calibrate_from_target(
             problem = f"the target was not detected in any image of camera '{name}'"
             fix = "Check calibrate.board (columns, rows, dictionary, inverted), or film the target closer."
             raise StudioError("target.not_seen", problem, fix=fix, camera=name, setting="calibrate.board")
-        principal_points[name] = _estimates_principal_point(own, size)
-        intrinsics[name] = intrinsics_from_views(
-            name, size, own, settings.camera_model, principal_point=principal_points[name]
-        )
+        intrinsics[name], principal_points[name] = _start(name, size, own, settings)
     progress(len(sizes), 2 * len(sizes) + 3)
     state = chain_poses(intrinsics, views)
     progress(2 * len(sizes), 2 * len(sizes) + 3)
