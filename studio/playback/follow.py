@@ -1,7 +1,8 @@
 """Follows a live stream: reads its manifest again until it is complete."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from studio.errors import StudioError
 from studio.stream import SourceUnavailable, StreamReader
@@ -9,42 +10,35 @@ from studio.stream import SourceUnavailable, StreamReader
 SHORTEST, LONGEST = 0.5, 5.0  # seconds between two reads; in between, about the duration of a group
 
 
-class Follower:
-    """A thread that refreshes a reader until its stream is no longer live. It does nothing for other streams.
+@contextmanager
+def following(reader: StreamReader, grown: Callable[[], None], lost: Callable[[StudioError], None]) -> Iterator[None]:
+    """Refresh a reader on a thread, until its stream is no longer live; other streams stay as they are.
 
     `grown` is called after new groups were found, and when the stream is complete; `lost` with the error if the stream
     was replaced by another one; nothing follows. An unreachable server or a file that is just being replaced is tried
     again.
     """
+    closed = threading.Event()
 
-    def __init__(
-        self, reader: StreamReader, grown: Callable[[], None], lost: Callable[[StudioError], None] = lambda error: None
-    ) -> None:
-        self._reader, self._grown, self._lost = reader, grown, lost
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
-        if reader.live:
-            self._thread = threading.Thread(target=self._work, name="playback-follow", daemon=True)
-            self._thread.start()
-
-    def _work(self) -> None:
-        reader = self._reader
+    def work() -> None:
         while reader.live:
             pause = min(max(reader.frame_count / reader.fps / len(reader.index), SHORTEST), LONGEST)
-            if self._closed.wait(pause):
+            if closed.wait(pause):
                 return
             try:
                 if reader.refresh() or not reader.live:
-                    self._grown()
+                    grown()
             except SourceUnavailable:
                 continue
             except StudioError as error:
                 if error.code == "stream.live_changed":
-                    self._lost(error)
+                    lost(error)
                     return
 
-    def close(self) -> None:
-        """End the thread; does not wait for a read that hangs."""
-        self._closed.set()
-        if self._thread is not None:
-            self._thread.join(1.0)
+    thread = threading.Thread(target=work, name="playback-follow", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        closed.set()
+        thread.join(1.0)  # a read may hang

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.playback.follow import Follower
-from studio.playback.pipeline import PlayedFrame, Run, raise_for_user
+from studio.playback.follow import following
+from studio.playback.pipeline import PlayedFrame, Run
 from studio.playback.shared import Shared
 from studio.playback.statistics import FrameStats, PlaybackReport
 from studio.stream import Source, StreamReader
@@ -47,16 +48,14 @@ def play_headless(
         StudioError: the stream cannot be opened, none of it can be played, its server remains unreachable, or another
             stream took the place of a live one.
     """
-    owned = not isinstance(stream, StreamReader)
-    reader = stream if isinstance(stream, StreamReader) else StreamReader.open(stream)
-    try:
+    with nullcontext(stream) if isinstance(stream, StreamReader) else StreamReader.open(stream) as reader:
         reader.index.group_of(start_frame)  # an error if there is no such frame
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
         shared = Shared(reader)
         stats: list[FrameStats] = []
         began = time.perf_counter()
-        with _frames(shared, start_frame, realtime) as frames:
+        with closing(_frames(shared, start_frame, realtime)) as frames:
             for item in frames:
                 if item.frame >= stop:
                     break
@@ -71,36 +70,29 @@ def play_headless(
                 if item.frame == stop - 1:
                     break
             seconds = time.perf_counter() - began
-    finally:
-        if owned:
-            reader.close()
     skipped = tuple(group for group in shared.skipped if group.stop > start_frame and group.first_frame < stop)
     last = stats[-1].frame if stats else start_frame - 1
     lost = sum(len(range(max(group.first_frame, start_frame), min(group.stop, last + 1))) for group in skipped)
     return PlaybackReport(tuple(stats), last + 1 - start_frame - len(stats) - lost, seconds, skipped)
 
 
-@contextmanager
-def _frames(shared: Shared, start: int, realtime: bool) -> Iterator[Iterator[PlayedFrame]]:
-    """The frames to show, while the threads run."""
+def _frames(shared: Shared, start: int, realtime: bool) -> Generator[PlayedFrame]:
+    """The frames to show, to the end or an error. The threads run until it is closed."""
     clock = _Clock(shared.reader, start) if realtime else None
-    follower = Follower(shared.reader, shared.grown, shared.lost)
-    run = Run(shared, start, None if clock is None else clock.due)
-    try:
-        yield _until_error(iter(run.ready.get, None) if clock is None else _due_frames(run, clock), run, shared)
-    finally:
-        run.stop()
-        shared.grown()
-        follower.close()
-        run.join()
-
-
-def _until_error(frames: Iterator[PlayedFrame], run: Run, shared: Shared) -> Iterator[PlayedFrame]:
-    yield from frames
-    if run.error is not None:
-        raise_for_user(run.error)
-    if shared.replaced is not None:
-        raise shared.replaced
+    with following(shared.reader, shared.grown, shared.lost):
+        run = Run(shared, start, None if clock is None else clock.due)
+        try:
+            yield from iter(run.ready.get, None) if clock is None else _due_frames(run, clock)
+            error = run.error or shared.replaced
+            if error is not None and not isinstance(error, StudioError):
+                problem = f"playback stopped ({type(error).__name__}: {error})"
+                raise StudioError("playback.failed", problem) from error
+            if error is not None:
+                raise error
+        finally:
+            run.stop()
+            shared.grown()
+            run.join()
 
 
 def _due_frames(run: Run, clock: _Clock) -> Iterator[PlayedFrame]:

@@ -241,10 +241,3 @@ def nothing_playable(problem: str, skipped: SkippedGroup) -> StudioError:
     cause = skipped.cause
     problem, fields = f"{problem}; {cause.problem}", {"cause": cause.code, "group": skipped.group}
     return StudioError("playback.nothing_playable", problem, file=cause.file, fix=cause.fix, **fields)
-
-
-def raise_for_user(error: BaseException) -> None:
-    """Raise the error that ended a run: StudioErrors unchanged, other exceptions wrapped in one."""
-    if isinstance(error, StudioError):
-        raise error
-    raise StudioError("playback.failed", f"playback stopped ({type(error).__name__}: {error})") from error

@@ -31,7 +31,14 @@ class SoundDevice:
 
     def start(self, sample_rate: int, channels: int, fill: FillFn) -> None:
         """Begin to call `fill`; StudioError (`sound.unavailable`) if PortAudio or an output device is missing."""
-        sounddevice = _sounddevice()
+        try:
+            import sounddevice
+        except ImportError:
+            problem = "the package sounddevice is missing"
+            raise StudioError("sound.unavailable", problem, fix="Install it: pip install sounddevice.") from None
+        except OSError:  # the package is there, the library is not
+            problem = "PortAudio is missing"
+            raise StudioError("sound.unavailable", problem, fix="Install it: apt install libportaudio2.") from None
 
         def callback(out: Any, frames: int, times: Any, status: Any) -> None:
             # Not all systems tell when a block will be heard; then the latency of the stream has to do.
@@ -57,18 +64,6 @@ class SoundDevice:
     def now(self) -> float:
         """A clock in seconds that never runs backward."""
         return time.monotonic()
-
-
-def _sounddevice() -> Any:
-    try:
-        import sounddevice
-    except ImportError:
-        problem = "the package sounddevice is missing"
-        raise StudioError("sound.unavailable", problem, fix="Install it: pip install sounddevice.") from None
-    except OSError:  # the package is there, the library is not
-        problem = "PortAudio is missing"
-        raise StudioError("sound.unavailable", problem, fix="Install it: apt install libportaudio2.") from None
-    return sounddevice
 
 
 class SoundPlayer:

@@ -44,10 +44,9 @@ def test_what_is_told_after_which_reads(monkeypatch, answers, grown, lost):
     monkeypatch.setattr(follow, "SHORTEST", 0.001)
     monkeypatch.setattr(follow, "LONGEST", 0.001)
     source, found, missed = Source(*answers), [], []
-    follower = follow.Follower(source, lambda: found.append(source.asked), missed.append)
-    for thread in threading.enumerate():
-        if thread.name == "playback-follow":
-            thread.join(60)
-            assert not thread.is_alive()
+    with follow.following(source, lambda: found.append(source.asked), missed.append):
+        for thread in threading.enumerate():
+            if thread.name == "playback-follow":
+                thread.join(60)
+                assert not thread.is_alive()
     assert (found, missed, source.asked) == (grown, lost, max(grown) + len(lost))
-    follower.close()
