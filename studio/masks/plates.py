@@ -1,6 +1,7 @@
 """Masks from the difference to the empty set: from clean plates, or from a background estimated from the footage."""
 
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -74,11 +75,8 @@ def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
     from studio.capture.video import VideoReader
 
     if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
-        reader = VideoReader(paths[0], spec.color_matrix, spec.transfer)
-        try:
+        with closing(VideoReader(paths[0], spec.color_matrix, spec.transfer)) as reader:
             return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
-        finally:
-            reader.close()
     if len(paths) == 1:
         return Background(np.ascontiguousarray(read_image(paths[0], spec.transfer)[:, :, :3]))
     return Background(median_plate(lambda index: read_image(paths[index], spec.transfer)[:, :, :3], len(paths)))
