@@ -1,11 +1,10 @@
 """Finds the damaged files of a stream: compares all of them with the sizes and checksums of its manifest."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from studio.errors import StudioError
 from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import MANIFEST_NAME, FileEntry
+from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.manifest_file import check_total
 from studio.stream.reader import StreamReader, fetch_files
 from studio.stream.sources.source import SourceUnavailable
@@ -37,43 +36,39 @@ def check_stream(reader: StreamReader, progress: ProgressFn = no_progress) -> St
     of groups whose page is damaged cannot be checked, because only the page lists them. `progress` is called with the
     bytes checked, and with how many are known of. SourceUnavailable if the server does not answer.
     """
-    damage: list[StreamDamage] = []
-    files: dict[str, FileEntry] = {}
+    files = {file.path: file for file in reader.manifest.fixed_files}
     groups: dict[str, list[int]] = {}
-    if reader.manifest.audio is not None:
-        files[reader.manifest.audio.path] = reader.manifest.audio
-    for entries, number in _files_by_group(reader, damage):
-        for entry in entries:
-            files[entry.path] = entry
-            groups.setdefault(entry.path, []).append(number)
-    total, done = sum(entry.bytes for entry in files.values()), 0
-    if not damage:  # all files are known
-        try:
-            check_total(reader.manifest, total, len(reader.manifest_bytes), MANIFEST_NAME)
-        except StudioError as error:
-            damage.append(StreamDamage(MANIFEST_NAME, error.problem, ()))
-    for path, entry in files.items():
-        try:
-            fetch_files(reader.source, (entry,))
-        except SourceUnavailable:
-            raise
-        except StudioError as error:
-            damage.append(StreamDamage(path, error.problem, tuple(groups.get(path, ()))))
-        done += entry.bytes
-        progress(done, total)
-    return StreamIntegrity(files=len(files) + 1, bytes=total + len(reader.manifest_bytes), damage=tuple(damage))
-
-
-def _files_by_group(reader: StreamReader, damage: list[StreamDamage]) -> Iterator[tuple[tuple[FileEntry, ...], int]]:
-    """Files of each group and the group's number; damaged pages of the index are appended to `damage`."""
-    lost: dict[str, tuple[str, list[int]]] = {}
+    lost: dict[str, str] = {}  # damaged pages, and what is wrong with them
     for number in range(len(reader.index)):
         try:
-            yield reader.index.files(number), number
+            entries = reader.index.files(number)
         except SourceUnavailable:
             raise
         except StudioError as error:
             page = reader.index.page_of(number)
             assert page is not None  # groups in the manifest itself need no file
-            lost.setdefault(page.path, (error.problem, []))[1].append(number)
-    damage += [StreamDamage(path, problem, tuple(numbers)) for path, (problem, numbers) in lost.items()]
+            lost[page.path], entries = error.problem, (page,)
+        for entry in entries:
+            files[entry.path] = entry
+            groups.setdefault(entry.path, []).append(number)
+    damage: list[StreamDamage] = []
+    total, done = sum(entry.bytes for entry in files.values()), 0
+    if not lost:  # all files are known
+        try:
+            check_total(reader.manifest, total, len(reader.manifest_bytes), MANIFEST_NAME)
+        except StudioError as error:
+            damage.append(StreamDamage(MANIFEST_NAME, error.problem, ()))
+    for path, entry in files.items():
+        problem = lost.get(path)
+        try:
+            if problem is None:
+                fetch_files(reader.source, (entry,))
+        except SourceUnavailable:
+            raise
+        except StudioError as error:
+            problem = error.problem
+        if problem is not None:
+            damage.append(StreamDamage(path, problem, tuple(groups.get(path, ()))))
+        done += entry.bytes
+        progress(done, total)
+    return StreamIntegrity(files=len(files) + 1, bytes=total + len(reader.manifest_bytes), damage=tuple(damage))

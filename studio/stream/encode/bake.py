@@ -5,6 +5,7 @@ import os
 import shutil
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -252,15 +253,12 @@ def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int
     """CRC-32 of the decoded luma of the first and of the middle image of a video, as in the manifest."""
     wanted = sorted({0, frame_count // 2})
     found = []
-    decoder = PlaneDecoder(data, "baking", size, frame_count, codec)
-    try:
-        picture = np.empty(size[::-1], dtype=np.uint8)
+    picture = np.empty(size[::-1], dtype=np.uint8)
+    with closing(PlaneDecoder(data, "baking", size, frame_count, codec)) as decoder:
         for index in range(wanted[-1] + 1):
             decoder.read(picture)
             if index in wanted:
                 found.append({"picture": index, "crc32": zlib.crc32(picture.data)})
-    finally:
-        decoder.close()
     return tuple(found)
 
 

@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,6 @@ class MotionBake:
         quats = self._values[:, rows["quats"]].transpose(0, 2, 1).astype(np.float64)
         self._turns = self._block_turns(quats)
         self._attributes = self._unmoving(quats)
-        self._smoothed: np.ndarray | None = None  # made when first needed
 
     def _order(self, points: np.ndarray) -> np.ndarray:
         """Morton order of the finest cells, valid for coarser cells too. Sets origin, extent and codes."""
@@ -119,7 +119,7 @@ class MotionBake:
         attributes = self._attributes
         if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
-            attributes = self._smooth_attributes()
+            attributes = self._smooth_attributes
         steps = _channel_steps(self._degree, self._step, self._typical, settings)
         classes = _classes(self._importance, residuals, steps[0])
         gains = np.ldexp(1.0, classes.astype(np.int64))
@@ -173,16 +173,15 @@ class MotionBake:
             side=side_entry,
         )
 
+    @cached_property
     def _smooth_attributes(self) -> np.ndarray:
         """(F, C - 3, N) float64 shapes, opacities and colors, each smoothed on its own."""
-        if self._smoothed is None:
-            steps = _channel_steps(self._degree, self._step, self._typical, BakeSettings())[3:]
-            channels = [
-                smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
-                for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
-            ]
-            self._smoothed = np.stack(channels, axis=1)
-        return self._smoothed
+        steps = _channel_steps(self._degree, self._step, self._typical, BakeSettings())[3:]
+        channels = [
+            smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
+            for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
+        ]
+        return np.stack(channels, axis=1)
 
     def _encode(
         self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float

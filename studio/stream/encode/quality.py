@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import numpy as np
 
@@ -49,11 +50,8 @@ def psnr_of(group: Rendition, files: Mapping[str, bytes], quality: QualityFn, co
     """PSNR in dB of the mean squared error over `_FRAMES` frames of the group, decoded from `files`."""
     last = group.frame_count - 1
     wanted = set(np.linspace(0, last, min(_FRAMES, last + 1)).round().astype(int).tolist())
-    with ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="decode") as pool:
-        decoder = open_decoder(group, files, pool, "baking", codec)
-        try:
-            decoded = ((index, decoder.read()) for index in range(last + 1))
-            errors = [quality(index, frame.gaussians()) for index, frame in decoded if index in wanted]
-        finally:
-            decoder.close()
+    pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="decode")
+    with pool, closing(open_decoder(group, files, pool, "baking", codec)) as decoder:
+        decoded = ((index, decoder.read()) for index in range(last + 1))
+        errors = [quality(index, frame.gaussians()) for index, frame in decoded if index in wanted]
     return -10 * math.log10(max(sum(errors) / len(errors), 1e-12))
