@@ -150,9 +150,11 @@ def read_bounded(path: Path, limit: int = BOUNDS.size) -> bytes:
     parts, left = [], limit + 1
     try:
         with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size > limit:
+            size = os.fstat(file.fileno()).st_size
+            if size > limit:
                 left = 0
-            while left > 0 and (part := file.read(min(left, _PART))):  # it may be a pipe, which has no size
+            # a file is read at once, since parts are copied; a pipe, which has no size, in parts
+            while left > 0 and (part := file.read(min(left, max(size + 1, _PART)))):
                 parts.append(part)
                 left -= len(part)
         data = b"".join(parts)
