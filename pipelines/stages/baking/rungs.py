@@ -92,7 +92,7 @@ class RungTraining:
     def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
         import torch
 
-        from studio.stream.encode.bake import most_visible, ranking_of
+        from studio.stream.encode.bake import most_visible
         from studio.training.offsets import train_offsets
 
         inputs = self._inputs
@@ -111,7 +111,7 @@ class RungTraining:
         footage = inputs.footage.trained
         cameras = [footage.rig[name] for name in footage.train_cameras]
         contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)
-        kept = torch.from_numpy(most_visible(ranking_of(contribution), rung.splats)).to(inputs.device)
+        kept = torch.from_numpy(most_visible(contribution, rung.splats)).to(inputs.device)
         positions = sorted({round(x) for x in np.linspace(0, len(group.frames) - 1, FRAMES)})
         frames = [read_frame(inputs.take.finished_frame(group.index, group.indices[at])) for at in positions]
         return train_offsets(

@@ -101,7 +101,7 @@ def bake_group(
     try:
         remove_leftovers(directory, folder)
         (directory / FILES).mkdir(parents=True, exist_ok=True)
-        ranking = _ranking(rungs, len(frames[0]), contribution, group)
+        contributed = _contribution(rungs, len(frames[0]), contribution, group)
         made: dict[str, AnyRendition] = {}
 
         def steps(done: int, total: int, **figures: Any) -> None:  # of one rung, as a part of all
@@ -113,7 +113,7 @@ def bake_group(
             if finetuned is not None and same[0].finetuned:
                 part = finetuned(same[0])
             elif kind != (1.0, None, 0):
-                part = _reduced(frames, ranking, same[0].splats, same[0].sh_degree)
+                part = _reduced(frames, contributed, same[0].splats, same[0].sh_degree)
             prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(part, progress)
             for rung in same:
                 own = settings.replace(ladder=())
@@ -263,10 +263,10 @@ def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int
 
 
 def _reduced(
-    frames: Sequence[Gaussians], ranking: np.ndarray | None, share: float, sh_degree: int | None
+    frames: Sequence[Gaussians], contributed: np.ndarray | None, share: float, sh_degree: int | None
 ) -> Sequence[Gaussians]:
     """Frames with fewer splats or a lower SH degree."""
-    kept = None if ranking is None or share == 1 else torch.from_numpy(most_visible(ranking, share))
+    kept = None if contributed is None or share == 1 else torch.from_numpy(most_visible(contributed, share))
 
     def reduced(index: int) -> Gaussians:
         frame = frames[index] if kept is None else frames[index][kept]
@@ -275,20 +275,18 @@ def _reduced(
     return OnDemand(range(len(frames)), reduced)
 
 
-def most_visible(ranking: np.ndarray, share: float) -> np.ndarray:
-    """Indices of the first `share` of a ranking, at least one, ascending."""
-    kept: np.ndarray = np.sort(ranking[: max(1, round(share * len(ranking)))])
+def most_visible(contribution: np.ndarray, share: float) -> np.ndarray:
+    """Indices of this share of the splats, at least one, ascending: those that contribute most; of equal ones, the
+    first."""
+    order = np.argsort(-contribution, kind="stable")
+    kept: np.ndarray = np.sort(order[: max(1, round(share * len(order)))])
     return kept
 
 
-def ranking_of(contribution: np.ndarray) -> np.ndarray:
-    """(N,) indices of splats, the one that contributes most first; equal ones in their order."""
-    order: np.ndarray = np.argsort(-contribution, kind="stable")
-    return order
-
-
-def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | None, group: int) -> np.ndarray | None:
-    """(N,) splats, the most visible first; None if no rung is only cut."""
+def _contribution(
+    rungs: Sequence[Rung], splats: int, contribution: ContributionFn | None, group: int
+) -> np.ndarray | None:
+    """(N,) what each splat contributes; None if no rung is only cut."""
     if not any(rung.pruned and not rung.finetuned for rung in rungs):
         return None
     if contribution is None:
@@ -299,7 +297,7 @@ def _ranking(rungs: Sequence[Rung], splats: int, contribution: ContributionFn | 
     if values.shape != (splats,) or not np.isfinite(values).all():
         problem = f"contribution gives {values.shape} values for {splats} splats, or some that are not finite"
         raise StudioError("bake.invalid_contribution", problem, value=values.shape, group=group, expected=(splats,))
-    return ranking_of(values)
+    return values
 
 
 def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
