@@ -12,6 +12,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.thumbnails import Thumbnails
 from gui.models.playback.timeline import Timeline
 from studio.cameras import Camera
+from studio.memory_cache import MemoryCache
 from studio.stream import is_address
 
 Size = tuple[int, int]
@@ -67,8 +68,7 @@ class Filmstrip(Thumbnails):
 
     def __init__(self) -> None:
         super().__init__()
-        self._camera: Camera | None = None
-        self._camera_of: object = None
+        self._cameras: MemoryCache[tuple[object, ...], Camera] = MemoryCache(1)
 
     def pictures(
         self, player: PlayerPresenter, frames: list[int], size: Size, busy: bool = False
@@ -84,7 +84,4 @@ class Filmstrip(Thumbnails):
     def _view(self, player: PlayerPresenter, size: Size) -> Camera:
         """The direction of the view that the take opens with, as near as all that moves allows."""
         key = (id(player.points), player.home.key, size)
-        if self._camera is None or key != self._camera_of:
-            self._camera_of = key
-            self._camera = player.home.filling(player.points, *size)
-        return self._camera
+        return self._cameras.get_or_make(key, lambda _: player.home.filling(player.points, *size))

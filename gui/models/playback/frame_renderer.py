@@ -112,7 +112,7 @@ class FrameRenderer:
     draw: DrawFn
     reader: SceneReader
     _kept: MemoryCache[tuple[object, ...], _Part] = field(default_factory=lambda: MemoryCache(KEPT_PICTURES))
-    _reduced_of: tuple[object, float] = (None, 1.0)
+    _factors: MemoryCache[tuple[object, ...], float] = field(default_factory=lambda: MemoryCache(1))
 
     def __call__(self, request: RenderRequest) -> Picture:
         """Render the image. Raises StudioError: a missing or damaged frame or image."""
@@ -183,9 +183,7 @@ class FrameRenderer:
         if request.mode != "side by side":
             return 1.0
         key = (id(request.points), request.home.key, box.width, box.height)
-        if key != self._reduced_of[0]:
-            self._reduced_of = key, request.home.widened(request.points, box.width, box.height)
-        return self._reduced_of[1]
+        return self._factors.get_or_make(key, lambda _: request.home.widened(request.points, box.width, box.height))
 
     def forget(self) -> None:
         """Empty the cache: something else was opened, or files have changed."""
@@ -255,4 +253,4 @@ def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray
     number = footage.frames[frame] if request.number is None else frame
     image = performer_over(footage, request.camera, number, request.background)
     camera = footage.rig[request.camera]
-    return request.image_zoom.whole(image, camera, width, height)
+    return request.image_zoom.picture(image, camera, width, height)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -24,16 +23,6 @@ THIN_MARGIN = 0.04
 FARTHEST = 0.5  # points farther than this from the body, as a part of its size, are ignored: they float
 
 
-class Sized(Protocol):
-    """A camera, or something else with an image."""
-
-    @property
-    def width(self) -> int: ...
-
-    @property
-    def height(self) -> int: ...
-
-
 @dataclass(frozen=True)
 class ImageZoom:
     """A magnified part of an image: its center as fractions of width and height; zoom 1 is the whole image."""
@@ -42,11 +31,11 @@ class ImageZoom:
     v: float = 0.5
     zoom: float = 1.0
 
-    def scale(self, camera: Sized, width: int, height: int) -> float:
+    def scale(self, camera: Camera | Magnifier, width: int, height: int) -> float:
         """Picture pixels per image pixel, for an image of this size."""
         return min(width / camera.width, height / camera.height) * self.zoom
 
-    def offset(self, camera: Sized, width: int, height: int) -> tuple[float, float]:
+    def offset(self, camera: Camera | Magnifier, width: int, height: int) -> tuple[float, float]:
         """Position of the image's upper left corner in the image, pixels."""
         scale = self.scale(camera, width, height)
         return width / 2 - self.u * camera.width * scale, height / 2 - self.v * camera.height * scale
@@ -61,8 +50,8 @@ class ImageZoom:
         K[1, 2] += y
         return Camera(camera.name, width, height, K, camera.world_to_camera)
 
-    def picture(self, image: np.ndarray, camera: Sized, width: int, height: int) -> np.ndarray:
-        """(height, width, 3) uint8: the part of the camera's (H, W, 3) uint8 image, resampled."""
+    def picture(self, image: np.ndarray, camera: Camera | Magnifier, width: int, height: int) -> np.ndarray:
+        """(height, width, 3) uint8: the part of the camera's (H, W, 3) uint8 image, resampled, over the background."""
         scale = self.scale(camera, width, height) * camera.width / image.shape[1]
         x, y = self.offset(camera, width, height)
         if scale < 1:  # resampling alone would alias
@@ -72,15 +61,11 @@ class ImageZoom:
         # OpenCV's origin is the center of the first pixel; ours is its corner
         warp = np.array([[scale, 0, x + 0.5 * scale - 0.5], [0, scale, y + 0.5 * scale - 0.5]])
         pixels = cv2.warpAffine(image, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.ascontiguousarray(pixels)
-
-    def whole(self, image: np.ndarray, camera: Sized, width: int, height: int) -> np.ndarray:
-        """The same, and the background outside the camera's image."""
-        pixels = self.picture(image, camera, width, height)
+        pixels = np.ascontiguousarray(pixels)
         self.mask_outside(pixels, camera)
         return pixels
 
-    def inside(self, camera: Sized, width: int, height: int) -> tuple[int, int, int, int]:
+    def inside(self, camera: Camera | Magnifier, width: int, height: int) -> tuple[int, int, int, int]:
         """The camera's image in an image of this size: first column and row, and those after the last, pixels."""
         scale = self.scale(camera, width, height)
         x, y = self.offset(camera, width, height)
@@ -88,7 +73,7 @@ class ImageZoom:
         top, bottom = max(round(y), 0), min(round(y + camera.height * scale), height)
         return left, top, right, bottom
 
-    def mask_outside(self, pixels: np.ndarray, camera: Sized) -> None:
+    def mask_outside(self, pixels: np.ndarray, camera: Camera | Magnifier) -> None:
         """Fill everything outside the camera's image with the background, in place."""
         left, top, right, bottom = self.inside(camera, pixels.shape[1], pixels.shape[0])
         pixels[:top], pixels[bottom:], pixels[:, :left], pixels[:, right:] = GROUND, GROUND, GROUND, GROUND
@@ -98,7 +83,7 @@ class ImageZoom:
         zoom = float(np.clip(self.zoom / 0.9**notches, 1.0, MOST_ZOOM))
         return ImageZoom(0.5, 0.5, 1.0) if zoom == 1.0 else ImageZoom(self.u, self.v, zoom)
 
-    def moved(self, dx: float, dy: float, camera: Sized, width: int, height: int) -> ImageZoom:
+    def moved(self, dx: float, dy: float, camera: Camera | Magnifier, width: int, height: int) -> ImageZoom:
         """This view moved by a drag in pixels of the image."""
         scale = self.scale(camera, width, height)
         u = float(np.clip(self.u - dx / scale / camera.width, 0.0, 1.0))
@@ -175,4 +160,4 @@ class Magnifier:
 
     def draw(self, canvas: Canvas, image: np.ndarray) -> None:
         """Draw the visible part into the rectangle."""
-        canvas.image(self.rect[0], self.rect[1], self.view.whole(image, self, *self._room))
+        canvas.image(self.rect[0], self.rect[1], self.view.picture(image, self, *self._room))
