@@ -43,18 +43,26 @@ class FolderList:
         self.message = ""
         start = start.expanduser().absolute()
         self.folder = next((path for path in (start, *start.parents) if path.is_dir()), Path("/"))
-        self._read()
+        self.enter(self.folder)
 
-    def enter(self, path: Path) -> bool:
+    def enter(self, folder: Path) -> bool:
         """Enter a folder; return False and set `message` if it cannot be read."""
-        before = self.folder
-        self.folder = path
-        if self._read():
-            return True
-        message, self.folder = self.message, before
-        self._read()
-        self.message = message
-        return False
+        self.message = ""
+        try:
+            with os.scandir(folder) as found:
+                names = [(entry.name, entry.is_dir()) for entry in found if not entry.name.startswith(".")]
+        except OSError as error:
+            self.message = f"{folder}: cannot be read ({error.strerror}). Choose another folder."
+            return False
+        self.folder = folder
+        folders = sorted((name for name, is_folder in names if is_folder), key=_in_any_case)
+        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=_in_any_case)
+        shown = folders[:MOST_ENTRIES]
+        self.entries = [Entry(folder / name, kind_of(folder / name)) for name in shown]
+        self.entries += [Entry(folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
+        if len(folders) + len(files) > MOST_ENTRIES:
+            self.message = f"Only the first {MOST_ENTRIES} entries are listed. Type the path to choose another."
+        return True
 
     def up(self) -> None:
         self.enter(self.folder.parent)
@@ -83,23 +91,6 @@ class FolderList:
                 "file": "Select a file, or type its name.",
             }.get(self.wanted, "")
         return None
-
-    def _read(self) -> bool:
-        self.message = ""
-        try:
-            with os.scandir(self.folder) as found:
-                names = [(entry.name, entry.is_dir()) for entry in found if not entry.name.startswith(".")]
-        except OSError as error:
-            self.message = f"{self.folder}: cannot be read ({error.strerror}). Choose another folder."
-            return False
-        folders = sorted((name for name, is_folder in names if is_folder), key=_in_any_case)
-        files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=_in_any_case)
-        shown = folders[:MOST_ENTRIES]
-        self.entries = [Entry(self.folder / name, kind_of(self.folder / name)) for name in shown]
-        self.entries += [Entry(self.folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
-        if len(folders) + len(files) > MOST_ENTRIES:
-            self.message = f"Only the first {MOST_ENTRIES} entries are listed. Type the path to choose another."
-        return True
 
     def _fits(self, name: str) -> bool:
         return (self.wanted == "file" and not self.endings) or name.lower().endswith(self.endings)
