@@ -32,16 +32,9 @@ export function around(camera: ReviewCamera, box: Box): Part {
   return { x: left, y: top, width: right - left, height: bottom - top };
 }
 
-/** The canvas in pixels, and how much of it is covered above and below. */
-export interface Area {
-  readonly width: number;
-  readonly height: number;
-  readonly top: number;
-  readonly bottom: number;
-}
-
-/** A larger part that fills the canvas, in which this part is as large as possible in what is not covered. */
-export function withRoom(part: Part, { width, height, top, bottom }: Area): Part {
+/** A larger part that fills the canvas, in which this part is as large as possible in what is not covered. `top`, `bottom`: how
+ * much of the canvas is covered above and below, pixels. */
+export function withRoom(part: Part, width: number, height: number, top: number, bottom: number): Part {
   const free = height - top - bottom;
   // Where the controls leave little, they may cover some.
   if (free < 0.4 * height) return part;

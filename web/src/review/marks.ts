@@ -4,7 +4,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { Player } from "../player/player.ts";
 import { clock } from "../ui/format.ts";
 import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
-import { make } from "../ui/dom.ts";
+import { make, remembered } from "../ui/dom.ts";
 import type { Comparison } from "./comparison.ts";
 import type { Pins } from "./pins.ts";
 import type { Plots } from "./plots.ts";
@@ -12,16 +12,6 @@ import type { Plots } from "./plots.ts";
 const POLL = 4000; // milliseconds between two looks at what others have marked
 const NAME_KEY = "v3-review-name";
 const [MAX_NOTE, MAX_NAME] = [2000, 80];
-
-/** A browser may forbid storage. */
-function remembered(name?: string): string {
-  try {
-    if (name !== undefined) localStorage.setItem(NAME_KEY, name);
-    return localStorage.getItem(NAME_KEY) ?? "";
-  } catch {
-    return "";
-  }
-}
 
 const contentOf = ({ note, author, view }: Mark): MarkContent => ({ note, author, view });
 
@@ -79,7 +69,7 @@ export class Marks {
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
       const author = this.author.value.trim();
-      remembered(author);
+      remembered(NAME_KEY, author);
       void this.send({ note: this.note.value, author, view: { ...this.view(), place: this.pins.chosen } });
     });
     this.note.addEventListener("keydown", (event) => {
@@ -130,7 +120,7 @@ export class Marks {
     this.began = this.comparison.view;
     this.heading.textContent = `Note on frame ${frame}`;
     this.note.value = mark?.note ?? "";
-    this.author.value = remembered();
+    this.author.value = remembered(NAME_KEY);
     this.remove.hidden = mark === undefined;
     this.problem.textContent = "";
     this.form.hidden = false;

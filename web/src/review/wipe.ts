@@ -104,8 +104,7 @@ export class Wipe {
     if (this.all || player.info === null) this.part = whole(camera);
     else {
       const [top, bottom] = [this.line.offsetTop, layer.clientHeight - this.line.offsetTop - this.line.offsetHeight];
-      const area = { width: layer.clientWidth, height: layer.clientHeight, top, bottom };
-      this.part = withRoom(around(camera, player.info.box), area);
+      this.part = withRoom(around(camera, player.info.box), layer.clientWidth, layer.clientHeight, top, bottom);
     }
     player.fixedCamera = cameraOf(camera, this.part);
   }

@@ -1,11 +1,16 @@
-/** What can be chosen in the settings: speeds and backgrounds. */
+/** What can be chosen: speeds and backgrounds in the settings, decoders by links and attributes. */
 
 import type { Vector } from "../stream/metadata.ts";
 import type { DecodePath } from "../worker/messages.ts";
 
-const DECODERS: readonly unknown[] = ["webcodecs", "webcodecs-software", "video"] satisfies DecodePath[];
+/** Names of decoders as they are shown. */
+export const DECODERS: Readonly<Record<DecodePath, string>> = {
+  webcodecs: "WebCodecs",
+  "webcodecs-software": "WebCodecs, software",
+  video: "video element",
+};
 
-export const isDecoder = (name: unknown): name is DecodePath => DECODERS.includes(name);
+export const isDecoder = (name: string | null): name is DecodePath => name !== null && Object.hasOwn(DECODERS, name);
 
 export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
 

@@ -1,4 +1,4 @@
-/** Makes elements. Text is always set as text, never as HTML: notes come from others. */
+/** Makes elements, and remembers values. Text is always set as text, never as HTML: notes come from others. */
 
 type Attributes = Readonly<Record<string, string>>;
 
@@ -17,4 +17,14 @@ export function draw(tag: "svg" | "path" | "line", attributes: Attributes = {}):
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
   return element;
+}
+
+/** A value that this browser keeps, from now on `value`; "" if there is none. A browser may forbid storage. */
+export function remembered(key: string, value?: string): string {
+  try {
+    if (value !== undefined) localStorage.setItem(key, value);
+    return localStorage.getItem(key) ?? "";
+  } catch {
+    return "";
+  }
 }

@@ -1,17 +1,9 @@
 /** Tells first-time viewers that the view can be turned, until they have turned it once. */
 
-const KEY = "v3-has-turned";
-const ALWAYS = 10_000; // milliseconds until the hint goes and comes with the controls
+import { remembered } from "./dom.ts";
 
-/** Whether this browser's user has moved a view before. A browser may forbid storage. */
-function hasTurned(now = false): boolean {
-  try {
-    if (now) localStorage.setItem(KEY, "1");
-    return localStorage.getItem(KEY) !== null;
-  } catch {
-    return now;
-  }
-}
+const KEY = "v3-has-turned"; // in this browser, somebody has moved a view before
+const ALWAYS = 10_000; // milliseconds until the hint goes and comes with the controls
 
 export class Hint {
   private timer = 0;
@@ -23,7 +15,7 @@ export class Hint {
   /** Shows it if the view was never turned in this browser. `wheel`: whether the wheel zooms, rather than scrolls the page
    * around the player. */
   show(wheel: boolean): void {
-    if (this.done || hasTurned()) return;
+    if (this.done || remembered(KEY) !== "") return;
     this.element.classList.add("shown");
     const fingers = matchMedia("(any-pointer: coarse)").matches;
     this.element.querySelector("b")!.textContent = "Drag to turn";
@@ -35,7 +27,7 @@ export class Hint {
   turned(): void {
     if (this.done) return;
     this.done = true;
-    hasTurned(true);
+    remembered(KEY, "1");
     this.hide();
   }
 

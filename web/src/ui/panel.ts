@@ -1,10 +1,9 @@
 /** The info panel: live playback statistics. */
 
 import type { Player } from "../player/player.ts";
+import { DECODERS } from "./choices.ts";
 import { make } from "./dom.ts";
 import { bytes, count, milliseconds, plural } from "./format.ts";
-
-const PATHS = { webcodecs: "WebCodecs", "webcodecs-software": "WebCodecs, software", video: "video element" } as const;
 
 export function figures(player: Player): [string, string][] {
   const { statistics: s, info, group, stream } = player;
@@ -34,7 +33,7 @@ export function figures(player: Player): [string, string][] {
       const rate = `${bytes(group.bytes / group.frame_count)} per frame, ${((8e-6 * group.bytes * info.fps) / group.frame_count).toFixed(1)} Mbit/s`;
       rows.push(["Rendition", info.renditions.length === 1 ? rate : `${group.id} (one of ${info.renditions.length}), ${rate}`]);
     }
-    rows.push(["Player", `${stream.path === null ? "–" : PATHS[stream.path]}, WebGL2`]);
+    rows.push(["Player", `${stream.path === null ? "–" : DECODERS[stream.path]}, WebGL2`]);
     rows.push(["Checked", info.checksums ? "sizes and SHA-256" : "sizes only; SHA-256 requires HTTPS"]);
   }
   return rows;
