@@ -68,11 +68,6 @@ void release_idle_buffers() {
     idle_bytes = 0;
 }
 
-std::size_t idle_buffer_bytes() {
-    std::lock_guard<std::mutex> guard(mutex);
-    return idle_bytes;
-}
-
 void throw_too_many_tiles() {
     throw std::length_error("The splats touch more than 4 billion tiles: there are too many, or they are too large.");
 }

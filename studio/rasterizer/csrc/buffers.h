@@ -13,8 +13,6 @@ void* acquire_buffer(std::size_t bytes, std::size_t* capacity);
 void release_buffer(void* pointer, std::size_t capacity);
 // Frees all idle buffers.
 void release_idle_buffers();
-// Their bytes.
-std::size_t idle_buffer_bytes();
 
 // Throws std::length_error: the number of splats or of (tile, splat) pairs exceeds 32 bits. Defined once, outside the
 // code that is compiled per instruction set.

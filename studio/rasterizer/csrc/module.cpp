@@ -342,8 +342,7 @@ void add_training(nb::module_& m, const char* pass_name) {
 
 template <typename T>
 void add(nb::module_& m, const char* frame_name) {
-    nb::class_<Frame<T>>(m, frame_name, "What the backward pass needs from the forward pass.")
-        .def_prop_ro("pairs", [](const Frame<T>& f) { return f.pairs; }, "Number of (tile, splat) pairs.");
+    nb::class_<Frame<T>>(m, frame_name, "What the backward pass needs from the forward pass.");
     m.def("forward", &forward<T>, array("means"), array("quats"), array("log_scales"), array("logits"), array("sh"),
           array("offsets").none(), array("camera"), nb::arg("width"), nb::arg("height"), nb::arg("near"),
           nb::arg("alpha_max"), nb::arg("dilation"), array("background"), array("image"), array("alpha"),
@@ -398,7 +397,4 @@ NB_MODULE(_kernels, m) {
             throw std::invalid_argument("unsupported instruction set: " + name);
         },
         nb::arg("name"), "Select one of instruction_sets(); for tests and measurements.");
-    m.def("release_idle_buffers", &vs::release_idle_buffers,
-          "Free the working memory that is kept for the next frame.");
-    m.def("idle_buffer_bytes", &vs::idle_buffer_bytes, "Bytes of that memory.");
 }
