@@ -125,9 +125,7 @@ class CameraPath:
             share = (time - ends[0]) / (ends[1] - ends[0])
             center = (1 - share) * self._centers(ends[0]) + share * self._centers(ends[1])
             rotation = Slerp(ends, self._rotations(ends))(time).as_matrix()
-        pose = np.eye(4)
-        pose[:3, :3] = rotation
-        pose[:3, 3] = -rotation @ center
+        pose = np.column_stack([rotation, -rotation @ center])
         fx, fy = np.exp(self._focal_lengths(time))
         cx, cy = self._middle(time)
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])

@@ -69,9 +69,9 @@ class Correction:
             camera: the given one, with or without lens distortion, of the whole image.
             larger: its image size as a multiple of that of the training image.
         """
-        pose, K, distortion = np.eye(4), camera.K.copy(), camera.distortion
-        pose[:3, :3] = camera.rotation @ self.moved.rotation
-        pose[:3, 3] = (camera.rotation @ self.moved.translation + camera.translation) / self.moved.scale
+        K, distortion = camera.K.copy(), camera.distortion
+        translation = (camera.rotation @ self.moved.translation + camera.translation) / self.moved.scale
+        pose = np.column_stack([camera.rotation @ self.moved.rotation, translation])
         K[:2, :2] *= 1 + self.zoom  # and the skew, which is zero
         K[:2, 2] += larger * self.shift
         corner = math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2
