@@ -24,7 +24,7 @@ def register(commands: Any, parser: CommandParser) -> None:
         for name, one in list(commands.choices.items()):
             if " " in name:
                 del commands.choices[name]
-            for action in one.arguments:
+            for action in one._actions:
                 if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
                     action.complete = shtab.FILE
         arguments.result = {"script": shtab.complete(parser, shell=arguments.shell)}

@@ -21,11 +21,6 @@ if TYPE_CHECKING:
 
     from pipelines.share.serving import Serving
 
-HTTP_NOTE = (  # what https would bring, where it is not used
-    "Over http, browsers on other machines decode with a <video> element, which is slower, and check no SHA-256. "
-    "--https gives them WebCodecs, checksums and gamepads."
-)
-
 
 def register(commands: Any) -> None:
     more = (
@@ -164,7 +159,10 @@ def _print(serving: Serving, player: bool) -> None:
     if serving.is_local:
         lines.append("Only this machine can reach it; --host 0.0.0.0 lets phones and other machines in.")
     elif certificate is None and player:
-        lines.append(HTTP_NOTE)
+        lines.append(
+            "Over http, browsers on other machines decode with a <video> element, which is slower, and check no "
+            "SHA-256. --https gives them WebCodecs, checksums and gamepads."
+        )
     if serving.is_secret:
         lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
     print("\n".join(lines), flush=True)

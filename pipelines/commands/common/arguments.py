@@ -38,16 +38,9 @@ class CommandParser(argparse.ArgumentParser):
     """Gives clear errors for numbers and typos, takes no abbreviated options, and shows an epilog as it is written."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        self.arguments: list[argparse.Action] = []
         super().__init__(*arguments, **{"allow_abbrev": False, "formatter_class": _HelpFormatter, **options})
         self.register("type", int, _integer)
         self.register("type", float, number)
-
-    def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
-        """Called by argparse and by commands."""
-        action = super().add_argument(*names, **options)
-        self.arguments.append(action)
-        return action
 
     def error(self, message: str) -> NoReturn:
         """Called by argparse. Raises WrongUsage."""
@@ -57,7 +50,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def refuse(self, words: Sequence[str], meant: str = "") -> NoReturn:
         """Say that arguments are not known, and perhaps what was `meant`. Raises WrongUsage."""
-        options = [option for action in self.arguments for option in action.option_strings]
+        options = [option for action in self._actions for option in action.option_strings]
         near = [nearest(word.partition("=")[0], options) for word in words if word.startswith("-")]
         self.error(f"unrecognized arguments: {' '.join(words)}{meant}{''.join(near)}")
 
