@@ -28,15 +28,8 @@ REMOVED = (
 Removal = tuple[Take, EditList, dict[str, EditList]]
 """The take, its edits without a removal, and with it by the words of a choice."""
 
-_NUMBERS_OF = {  # what *Numbers* sets while a tool is chosen, a key of `TITLES`
-    "crop": "crop",
-    "ground": "ground",
-    "floaters": "floaters",
-    "origin": "world",
-    "up": "world",
-    "scale": "world",
-    "detail": "details",
-}
+_NUMBERS_OF = {"origin": "world", "up": "world", "scale": "world", "detail": "details"}
+"""What *Numbers* sets while a tool is chosen, a key of `TITLES`, where the tool has another name."""
 
 
 class EditActions:
@@ -89,8 +82,9 @@ class EditActions:
         return (at[0] - view.frame.x) / view.frame.width, (at[1] - view.frame.y) / view.frame.height
 
     def _numbers(self) -> None:
-        kind = _NUMBERS_OF.get(self._window.views.editor.tool, "")
-        if kind:
+        tool = self._window.views.editor.tool
+        kind = _NUMBERS_OF.get(tool, tool)
+        if kind in TITLES:
             self._ask(kind)
             return
         lines = {title: kind for kind, (title, _) in TITLES.items()}

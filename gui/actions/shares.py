@@ -94,8 +94,8 @@ def _ask(window: Shell, request: ShareRequest, size: str, error: str = "") -> No
 
 
 def serve(window: Shell) -> None:
-    """Ask how, then serve; if the take is served already, show its address."""
-    opened, serving = window.player.opened, window.serving
+    """Ask whether to encrypt, then serve; if the take is served already, show its address."""
+    opened, serving, dialogs = window.player.opened, window.serving, window.dialogs
     if serving.address and opened is not None and serving.source == str(opened.path):
         _show_serving(window)
         return
@@ -103,23 +103,18 @@ def serve(window: Shell) -> None:
     if size is None:
         return
     assert opened is not None
-    _ask_serve(window, share_words(size, "serve"), str(opened.path))
-
-
-def _ask_serve(window: Shell, size: str, source: str) -> None:
-    """Ask whether to encrypt; `size`: what a phone will fetch, a sentence."""
-    dialogs = window.dialogs
+    source = str(opened.path)
     https = gui.Checkbox("https")
     https.checked = True
 
     def start() -> None:
         with window.notices.reporting("serve"):
-            window.serving.start(source, bool(https.checked))
+            serving.start(source, bool(https.checked))
 
-    serve = dialogs.closing(start)
-    parts = [dialogs.label(size, dim=False), dialogs.label(PHONES_SERVE), *_stale_parts(window), https]
-    answers = [("save", "Serve", serve), ("close", "Cancel", dialogs.close)]
-    dialogs.show("serve", "Serve to phones", parts, answers, 80, serve)
+    go, words = dialogs.closing(start), share_words(size, "serve")
+    parts = [dialogs.label(words, dim=False), dialogs.label(PHONES_SERVE), *_stale_parts(window), https]
+    answers = [("save", "Serve", go), ("close", "Cancel", dialogs.close)]
+    dialogs.show("serve", "Serve to phones", parts, answers, 80, go)
     dialogs.widgets["https"] = https
 
 

@@ -66,9 +66,7 @@ class Chords:
         both say so."""
         down = event.type == gui.KeyEvent.Type.DOWN
         if press is not None:
-            for key, name in _MODIFIERS.items():
-                if not getattr(press, name):
-                    self._held.discard(key)
+            self._held -= {key for key, name in _MODIFIERS.items() if not getattr(press, name)}
             self._held |= {gui.KeyName.LEFT_CONTROL} if press.control and not self.control else set()
             self._held |= {gui.KeyName.LEFT_SHIFT} if press.shift and not self.shift else set()
         self.again = down and event.key in self._held and (press is None or press.repeated)

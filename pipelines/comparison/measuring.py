@@ -55,12 +55,10 @@ class FrameMeasurer:
                 if keep:
                     views.setdefault(camera, {})[take.name] = pair
             change = flicker_of(self._before[take.name], residuals) if self.flicker and before is not None else None
-            if change is None:
-                found.append(FrameOfTake(cameras=row))
-            else:
-                border = frame in take.group_starts
-                flicker = FlickerOfFrame(frame=int(frame), flicker=change, group_border=border)
-                found.append(FrameOfTake(cameras=row, flicker=flicker))
+            flicker = None
+            if change is not None:
+                flicker = FlickerOfFrame(frame=int(frame), flicker=change, group_border=frame in take.group_starts)
+            found.append(FrameOfTake(cameras=row, flicker=flicker))
             self._before[take.name] = residuals
         self._last = frame
         return tuple(found), views
