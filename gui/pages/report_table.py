@@ -36,13 +36,6 @@ class Sorting:
         return sorted(rows, key=lambda row: (1, 0.0) if (value := figures[row]) is None else (0, sign * value))
 
 
-def table_text(names: Sequence[str], columns: Mapping[str, Sequence[str]], order: Sequence[int]) -> str:
-    """Titles and rows in order, for the clipboard; see `cells_text`."""
-    lines = [[CAMERA, *columns]]
-    lines += [[names[row], *(words[row] for words in columns.values())] for row in order]
-    return cells_text(lines)
-
-
 def cells_text(lines: Sequence[Sequence[str]]) -> str:
     """Lines of cells with tabs between them, as spreadsheets paste them."""
     return "\n".join("\t".join(line) for line in lines) + "\n"

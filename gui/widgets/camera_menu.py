@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import LINE, TEXT
-from gui.widgets.picture import color, make_button, make_label
+from gui.drawing.palette import TEXT
+from gui.widgets.picture import make_button, make_card, make_label
 
 Item = tuple[str, str, Callable[[], object]]  # key, label, action
 
@@ -18,12 +18,7 @@ class CameraMenu:
         self._at = (0.0, 0.0)
         self.camera = ""
         self.buttons: dict[str, gui.Button] = {}
-        self._content = gui.WidgetProxy()
-        margins = gui.Margins(round(0.6 * em), round(0.5 * em), round(0.6 * em), round(0.6 * em))
-        self.widget = gui.Vert(0, margins)
-        self.widget.background_color = color(LINE)
-        self.widget.add_child(self._content)
-        self.widget.visible = False
+        self.widget, self._content = make_card(em)
 
     def open(
         self, at: tuple[float, float], camera: str, use: str, facts: Sequence[tuple[str, str]], items: Sequence[Item]

@@ -80,12 +80,10 @@ class InspectorPanel:
         """All widgets, to be added to the window."""
         return [self.figures.widget, self.log.widget]
 
-    def place(
-        self, x: float, y: float, width: float, height: float, over: tuple[float, float, float, float] | None = None
-    ) -> None:
+    def place(self, x: float, y: float, width: float, height: float, over: tuple[float, float, float, float]) -> None:
         """Set the panel's rectangle in window pixels; `over`: that of the log while it is large."""
         self._place = (x, y, width, height)
-        self._over = over or self._place
+        self._over = over
         self._share()
 
     def _share(self) -> None:

@@ -7,28 +7,24 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from gui.drawing.canvas import shortened
-from gui.drawing.palette import ACCENT_DARK, BAD, LINE, TEXT
+from gui.drawing.palette import ACCENT_DARK, BAD, TEXT
 from gui.models.notices import Notice, Notices
 from gui.platform.clipboard import Clipboard
 from gui.platform.desktop import Opener
-from gui.widgets.picture import color, make_button, make_label
+from gui.widgets.picture import color, make_button, make_card, make_label
 
 WIDEST, MOST_LINES = 48.0, 12  # width of the bar in em, and lines of a message
 
 
 class NoticeBar:
-    """See the module. A container, which the toolkit draws over images; it must not overlap other containers."""
+    """See the module."""
 
     def __init__(self, notices: Notices, em: float, clipboard: Clipboard, changed: Callable[[], None]) -> None:
         self._notices, self._em, self._clipboard, self._changed = notices, em, clipboard, changed
         self._opener = Opener()
         self.buttons: dict[str, gui.Button] = {}
         self._shown: object = None
-        self._content = gui.WidgetProxy()
-        self.widget = gui.Vert(0, gui.Margins(round(0.8 * em), round(0.6 * em), round(0.8 * em), round(0.7 * em)))
-        self.widget.background_color = color(LINE)
-        self.widget.add_child(self._content)
-        self.widget.visible = False
+        self.widget, self._content = make_card(em)
 
     def update(self, room: float, hidden: bool) -> bool:
         """Show the notice; returns whether anything changed, which needs a layout. `hidden`: something else needs the

@@ -7,7 +7,7 @@ import open3d as o3d
 from open3d.visualization import gui
 
 from gui.drawing.canvas import glyph_height, text_width
-from gui.drawing.palette import GROUND, RAISED, RGB
+from gui.drawing.palette import GROUND, LINE, RAISED, RGB
 
 DRAWS_BEFORE_EXACT = 2  # draws of the window after which the texture of a new image exists
 
@@ -59,6 +59,15 @@ def make_button(text: str, *actions: Callable[[], object], pad: float = 0.7, pad
 
     button.set_on_clicked(clicked)
     return button
+
+
+def make_card(em: float) -> tuple[gui.Vert, gui.WidgetProxy]:
+    """A hidden container over the view, and what is to be given its content. It must not overlap other containers."""
+    card, content = gui.Vert(0, gui.Margins(*(round(side * em) for side in (0.7, 0.6, 0.7, 0.6)))), gui.WidgetProxy()
+    card.background_color = color(LINE)
+    card.add_child(content)
+    card.visible = False
+    return card, content
 
 
 def holds(widget: gui.Widget, x: int, y: int) -> bool:

@@ -18,7 +18,7 @@ from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
 from gui.pages.calibrate.rig_coverage import RigCoverage
-from gui.pages.report_table import CAMERA, Sorting, table_text
+from gui.pages.report_table import CAMERA, Sorting, cells_text
 from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
 from pipelines.takes.point_files import read_sparse_points, read_surface
 from pipelines.takes.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
@@ -245,7 +245,8 @@ class CalibrateView(OrbitView):
         y += step
         cameras, names = self._cameras, [camera.name for camera in self._cameras]
         order = self._sorting.order(names, columns)
-        self._text = table_text(names, columns, order)
+        rows = ([names[row], *(words[row] for words in columns.values())] for row in order)
+        self._text = cells_text([[CAMERA, *columns], *rows])
         room = max(3, int((size[1] - y) / step) - 1)
         self._last_first_row = max(0, len(order) - room)
         if self.camera != self._shown_camera:  # chosen elsewhere: its row is shown

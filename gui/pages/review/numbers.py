@@ -1,6 +1,7 @@
 """The numbers of edits as texts of fields, and back."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 from pydantic import ValidationError
@@ -143,13 +144,10 @@ def _text(values: np.ndarray) -> str:
 
 
 def _number(text: str, key: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise ValueError(f"{key}: '{text}' is not a number") from None
-    if not np.isfinite(value):
-        raise ValueError(f"{key}: '{text}' is not a number")
-    return value
+    with suppress(ValueError):
+        if np.isfinite(value := float(text)):
+            return value
+    raise ValueError(f"{key}: '{text}' is not a number")
 
 
 def _vector(text: str, key: str) -> np.ndarray:
