@@ -36,6 +36,7 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
     path = Path(path)
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
+    from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
     width, height = _page(target, paper)
@@ -45,11 +46,9 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
     axes.axis("off")
     across, down = target.columns * target.square * 1000, target.rows * target.square * 1000
     left, top = (width - across) / 2, (height - _TEXT - down) / 2
-    if target.inverted:
-        margin = min(left, top, target.square * 1000)
-        _rectangles(axes, [(left - margin, top - margin, across + 2 * margin, down + 2 * margin)], "black")
-    ink = "white" if target.inverted else "black"
-    _rectangles(axes, [(left + 1000 * x, top + 1000 * y, 1000 * w, 1000 * h) for x, y, w, h in dark(target)], ink)
+    black = [np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h)]) for x, y, w, h in dark(target)]
+    corners = [1000 * rectangle + (left, top) for rectangle in black]
+    axes.add_collection(PolyCollection(corners, facecolors="black", edgecolors="none", antialiaseds=False))
     _foot(axes, target, left, height)
     # no date or host name in the file: the same target gives the same bytes
     about = {"Title": describe(target), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
@@ -67,11 +66,11 @@ def describe(target: CalibrationTarget) -> str:
     base = f"{target.kind}, {target.columns} x {target.rows} squares of {target.square * 1000:g} mm"
     if target.kind == "charuco":
         base += f", markers {target.marker * 1000:g} mm, {target.dictionary}" + (", legacy" if target.legacy else "")
-    return base + (", inverted" if target.inverted else "")
+    return base
 
 
 def dark(target: CalibrationTarget) -> list[tuple[float, float, float, float]]:
-    """Black areas (white on an inverted target): rectangles x, y, width, height in meters, target coordinates.
+    """Black areas: rectangles x, y, width, height in meters, target coordinates.
 
     The black cells of markers are merged into horizontal runs.
     """
@@ -123,13 +122,6 @@ def _page(target: CalibrationTarget, paper: str) -> tuple[float, float]:
     problem = f"the target is {width:g} x {height:g} mm and does not fit on {paper}"
     fix = "Use smaller squares, fewer squares or larger paper."
     raise StudioError("target.too_large", problem, value=[width, height], fix=fix, paper=paper)
-
-
-def _rectangles(axes: Any, rectangles: list[tuple[float, float, float, float]], color: str) -> None:
-    from matplotlib.collections import PolyCollection
-
-    corners = [[(x, y), (x + w, y), (x + w, y + h), (x, y + h)] for x, y, w, h in rectangles]
-    axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors="none", antialiaseds=False))
 
 
 def _foot(axes: Any, target: CalibrationTarget, left: float, height: float) -> None:

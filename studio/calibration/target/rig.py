@@ -147,7 +147,7 @@ def calibrate_from_target(
         own = [view for (_, camera), view in views.items() if camera == name]
         if not own:
             problem = f"the target was not detected in any image of camera '{name}'"
-            fix = "Check calibrate.board (columns, rows, dictionary, inverted), or film the target closer."
+            fix = "Check calibrate.board (columns, rows, dictionary), or film the target closer."
             raise StudioError("target.not_seen", problem, fix=fix, camera=name, setting="calibrate.board")
         intrinsics[name], principal_points[name] = _start(name, size, own, settings)
     progress(len(sizes), 2 * len(sizes) + 3)

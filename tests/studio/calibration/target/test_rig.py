@@ -76,26 +76,16 @@ def picture(target: CalibrationTarget, camera: Camera, target_pose: np.ndarray) 
     """Image of a board from a camera without distortion, drawn from our list of dark areas at four times the size."""
     fine = 4
     image = np.full((camera.height * fine, camera.width * fine), 225, np.uint8)
-    ink = 25
-    s = target.square
 
-    def draw(rectangle: tuple[float, float, float, float], value: int) -> None:
-        x, y, w, h = rectangle
+    for x, y, w, h in dark(target):
         corners = np.array([[x, y, 0], [x + w, y, 0], [x + w, y + h, 0], [x, y + h, 0]])
         pixels, _ = camera.project(corners @ target_pose[:3, :3].T + target_pose[:3, 3])
         # cv2 fills up to pixel centers: subtract half a fine pixel, with 8 fractional bits
-        cv2.fillPoly(image, [np.round((pixels * fine - 0.5) * 256).astype(np.int32)], value, cv2.LINE_8, 8)
-
-    if target.inverted:
-        draw((-s, -s, (target.columns + 2) * s, (target.rows + 2) * s), ink)
-    for rectangle in dark(target):
-        draw(rectangle, 225 if target.inverted else ink)
+        cv2.fillPoly(image, [np.round((pixels * fine - 0.5) * 256).astype(np.int32)], 25, cv2.LINE_8, 8)
     return cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA)
 
 
-@pytest.mark.parametrize(
-    "target", [CHARUCO, CHARUCO.replace(inverted=True), CHARUCO.replace(rows=6, legacy=True), CHESS]
-)
+@pytest.mark.parametrize("target", [CHARUCO, CHARUCO.replace(rows=6, legacy=True), CHESS])
 @pytest.mark.parametrize("turn", [0.2, 2.0, -2.9])
 def test_corners_are_where_the_camera_puts_them(target: CalibrationTarget, turn: float) -> None:
     """Also with the target on its side and upside down; the pixel origin is the image corner."""
