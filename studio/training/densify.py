@@ -19,58 +19,54 @@ _RESET_OPACITY = 0.01
 _HUGE_SHARE = 0.1  # splats larger than this fraction of the scene extent are removed
 
 
-class DensityControl:
-    """Splits and removes splats at the configured steps, and grows to the maximum by equal numbers of splats.
+def control_density(
+    iteration: int, optimizer: SplatOptimizer, stepper: Stepper, extent: float, settings: TrainSettings
+) -> None:
+    """Split and remove splats and reset opacities if due, so that their number grows to the maximum in equal steps.
 
     3DGS (Kerbl et al. 2023, section 5.2) splits where gradients are large, which in few steps they rarely are, and any
     one view can cause them. Here, as in FastGS (Ren et al. 2025), views vote with their errors.
 
     Args:
+        iteration: counts from 1.
         stepper: its views are compared with the splats.
         extent: scene extent, world units.
-        settings: schedule and maximum number of splats.
     """
+    due = settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0
+    if due:
+        times = -(-(settings.densify_until - iteration) // settings.densify_every)
+        count = -(-max(0, settings.densify_max_splats - len(optimizer)) // times)
+        densify(optimizer, stepper, extent, count, remove_huge=iteration > RESET_EVERY)
+    last_reset = settings.densify_until - settings.densify_until // 4
+    if iteration % RESET_EVERY == 0 and iteration <= last_reset:
+        optimizer.cap_opacity(_RESET_OPACITY)
 
-    def __init__(self, stepper: Stepper, extent: float, settings: TrainSettings) -> None:
-        self._stepper, self._extent, self._settings = stepper, extent, settings
 
-    def after_step(self, iteration: int, optimizer: SplatOptimizer, generator: torch.Generator) -> None:
-        """Densify and reset opacities if due; `iteration` counts from 1."""
-        settings = self._settings
-        due = settings.densify_from < iteration < settings.densify_until and iteration % settings.densify_every == 0
-        if due:
-            times = -(-(settings.densify_until - iteration) // settings.densify_every)
-            count = -(-max(0, settings.densify_max_splats - len(optimizer)) // times)
-            self.densify(optimizer, generator, count, remove_huge=iteration > RESET_EVERY)
-        last_reset = settings.densify_until - settings.densify_until // 4
-        if iteration % RESET_EVERY == 0 and iteration <= last_reset:
-            optimizer.cap_opacity(_RESET_OPACITY)
-
-    @torch.no_grad()
-    def densify(self, optimizer: SplatOptimizer, generator: torch.Generator, count: int, remove_huge: bool) -> None:
-        """Split up to `count` splats once, and remove faint and huge ones."""
-        gaussians = optimizer.gaussians.detach()
-        views = self._stepper.views
-        drawn = torch.randperm(len(views), generator=generator)[:_VIEWS].tolist()
-        errors = torch.stack(
-            [
-                contribution(gaussians, [view.camera], [self._stepper.error(gaussians, view)])
-                for view in (views[number] for number in drawn)
-            ]
-        )
-        # without the largest of several: what a single view sees is not the splat's
-        agreed = errors.sum(0) - errors.amax(0) if len(errors) > 1 else errors[0]
-        score = agreed * detail_weights(gaussians.means, views[0].details)
-        chosen = torch.argsort(score, descending=True, stable=True)[:count]
-        split = torch.zeros(len(gaussians), dtype=torch.bool, device=score.device)
-        split[chosen[score[chosen] > 0]] = True
-        optimizer.append(_halves(gaussians[split], generator))
-        after = optimizer.gaussians.detach()
-        keep = after.opacities > _MIN_OPACITY
-        keep[: len(gaussians)] &= ~split
-        if remove_huge:
-            keep &= after.scales.amax(-1) < _HUGE_SHARE * self._extent
-        optimizer.keep(keep)
+@torch.no_grad()
+def densify(optimizer: SplatOptimizer, stepper: Stepper, extent: float, count: int, remove_huge: bool) -> None:
+    """Split up to `count` splats once, and remove faint and huge ones."""
+    gaussians = optimizer.gaussians.detach()
+    views, generator = stepper.views, stepper.generator
+    drawn = torch.randperm(len(views), generator=generator)[:_VIEWS].tolist()
+    errors = torch.stack(
+        [
+            contribution(gaussians, [view.camera], [stepper.error(gaussians, view)])
+            for view in (views[number] for number in drawn)
+        ]
+    )
+    # without the largest of several: what a single view sees is not the splat's
+    agreed = errors.sum(0) - errors.amax(0) if len(errors) > 1 else errors[0]
+    score = agreed * detail_weights(gaussians.means, views[0].details)
+    chosen = torch.argsort(score, descending=True, stable=True)[:count]
+    split = torch.zeros(len(gaussians), dtype=torch.bool, device=score.device)
+    split[chosen[score[chosen] > 0]] = True
+    optimizer.append(_halves(gaussians[split], generator))
+    after = optimizer.gaussians.detach()
+    keep = after.opacities > _MIN_OPACITY
+    keep[: len(gaussians)] &= ~split
+    if remove_huge:
+        keep &= after.scales.amax(-1) < _HUGE_SHARE * extent
+    optimizer.keep(keep)
 
 
 def _halves(gaussians: Gaussians, generator: torch.Generator) -> Gaussians:

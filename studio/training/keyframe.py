@@ -12,7 +12,7 @@ from studio.gaussians import SH_C0, Gaussians
 from studio.progress import ProgressFn, no_progress
 from studio.rasterizer.contribution import contribution
 from studio.training import settings as constants
-from studio.training.densify import DensityControl
+from studio.training.densify import control_density
 from studio.training.details import detail_weights
 from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import Refinement
@@ -135,7 +135,6 @@ class _Run:
         self.refinement = Refinement(self._stepper, settings)
         start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
-        self._density = DensityControl(self._stepper, self._extent, settings)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
         self._pruned = 0
@@ -185,7 +184,7 @@ class _Run:
         if degree < settings.sh_degree:
             gaussians = gaussians.with_sh_degree(degree)
         self._advance(gaussians)
-        self._density.after_step(iteration, optimizer, self._generator)
+        control_density(iteration, optimizer, self._stepper, self._extent, settings)
         if len(optimizer) == 0:
             problem = f"keyframe training removed all splats at step {iteration}"
             fix = "Check the masks and the calibration"

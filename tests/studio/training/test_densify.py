@@ -8,7 +8,7 @@ import torch
 
 from studio.gaussians import Gaussians
 from studio.training import TrainSettings
-from studio.training.densify import DensityControl
+from studio.training.densify import control_density, densify
 from studio.training.details import Detail
 from studio.training.splat_optimizer import SplatOptimizer
 from studio.training.step import Stepper
@@ -23,17 +23,12 @@ def seen() -> list[TrainingView]:
     return views(torch.zeros(3))
 
 
-def control(seen: list[TrainingView], **values: object) -> DensityControl:
-    settings = TrainSettings(**values)  # type: ignore[arg-type]
-    return DensityControl(Stepper(seen, settings, generator()), EXTENT, settings)
+def stepper(seen: list[TrainingView]) -> Stepper:
+    return Stepper(seen, TrainSettings(), torch.Generator().manual_seed(1))
 
 
 def optimizer_of(gaussians: Gaussians) -> SplatOptimizer:
     return SplatOptimizer(gaussians, TrainSettings().rates, EXTENT)
-
-
-def generator() -> torch.Generator:
-    return torch.Generator().manual_seed(1)
 
 
 def wrong_where(wrong: torch.Tensor) -> Gaussians:
@@ -47,7 +42,7 @@ def test_splats_are_split_where_views_agree_that_the_image_is_wrong(seen: list[T
     wrong = means[:, 0] > 0.2
     before = wrong_where(wrong)
     optimizer = optimizer_of(before)
-    control(seen).densify(optimizer, generator(), 20, remove_huge=False)
+    densify(optimizer, stepper(seen), EXTENT, 20, remove_huge=False)
     after = optimizer.gaussians.detach()
     assert len(after) == 320
     new = after.means[280:]
@@ -68,7 +63,7 @@ def test_splats_of_a_detail_are_split_at_smaller_errors(seen: list[TrainingView]
     for details in ((), (detail,)):
         optimizer = optimizer_of(before)
         marked = [view.with_details(details) for view in seen]
-        control(marked).densify(optimizer, generator(), 20, remove_huge=False)
+        densify(optimizer, stepper(marked), EXTENT, 20, remove_huge=False)
         near = (optimizer.gaussians.means[280:] - torch.tensor(detail.center)).norm(dim=1) < 0.4
         inside.append(int(near.sum()))
     assert inside[1] > inside[0] + 10
@@ -79,22 +74,22 @@ def test_faint_and_huge_splats_are_removed(seen: list[TrainingView]) -> None:
     with torch.no_grad():
         optimizer.gaussians.logit_opacities[2] = math.log(0.004 / 0.996)
         optimizer.gaussians.log_scales[1] = math.log(0.11 * EXTENT)
-    control(seen).densify(optimizer, generator(), 0, remove_huge=False)
+    densify(optimizer, stepper(seen), EXTENT, 0, remove_huge=False)
     assert len(optimizer) == 299
-    control(seen).densify(optimizer, generator(), 0, remove_huge=True)
+    densify(optimizer, stepper(seen), EXTENT, 0, remove_huge=True)
     assert len(optimizer) == 298
 
 
 def test_when_it_densifies_and_resets(seen: list[TrainingView], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studio.training.densify.RESET_EVERY", 15)
-    tested = control(seen, densify_from=10, densify_until=41, densify_every=10, densify_max_splats=330)
+    settings = TrainSettings(densify_from=10, densify_until=41, densify_every=10, densify_max_splats=330)
     optimizer = optimizer_of(wrong_where(torch.ones(300, dtype=torch.bool)))
     grown, reset = {}, []
     for iteration in range(1, 60):
         before = len(optimizer)
         with torch.no_grad():
             optimizer.gaussians.logit_opacities.fill_(0.0)
-        tested.after_step(iteration, optimizer, generator())
+        control_density(iteration, optimizer, stepper(seen), EXTENT, settings)
         if len(optimizer) > before:
             grown[iteration] = len(optimizer)
         if optimizer.gaussians.opacities.max() < 0.4:
