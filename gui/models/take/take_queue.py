@@ -3,7 +3,8 @@
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -139,52 +140,48 @@ class TakeQueue:
         return f"{what}: {count['waiting']} waiting, {count['done']} done, {count['failed']} failed."
 
     def add(self, folder: Path) -> None:
-        def added() -> None:
+        with self._changing():
             take = Take.open(folder)
             load_config(take.config)  # report invalid settings now, not overnight
             self._queue.add(take.root, None, ())
-
-        self._change(added)
 
     def move(self, number: int, by: int) -> None:
         """Move a take up (-1) or down (1) among those that wait."""
         waiting = [row.number for row in self.view.rows if row.state == "waiting"]
         place = waiting.index(number) + 1 + by if number in waiting else 1
-        self._change(lambda: self._queue.move(number, place))
+        with self._changing():
+            self._queue.move(number, place)
 
     def remove(self, number: int) -> None:
         """Remove a take from the list; its folder is not touched."""
-        self._change(lambda: self._queue.remove(number))
+        with self._changing():
+            self._queue.remove(number)
 
     def retry(self, number: int) -> None:
         """Let a take that has ended wait again."""
-        self._change(lambda: self._queue.retry(number))
+        with self._changing():
+            self._queue.retry(number)
 
     def start(self) -> None:
         """Work through the queue in a process that keeps running when the window is closed."""
-
-        def started() -> None:
-            self._queue.path.parent.mkdir(parents=True, exist_ok=True)
-            self._process = self._start(self._queue)
-
         if not self.running:
-            self._change(started)
+            with self._changing():
+                self._queue.path.parent.mkdir(parents=True, exist_ok=True)
+                self._process = self._start(self._queue)
 
     def stop(self) -> None:
         """Stop working through the queue; the take that runs keeps finished work and waits again."""
-
-        def stopped() -> None:
+        with self._changing():
             if self._process is not None and not self._queue.is_run():  # it has not begun yet
                 self._process.terminate()
             else:
                 self._queue.stop()
 
-        self._change(stopped)
-
-    def _change(self, how: Callable[[], object]) -> None:
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
         self.message = ""
         try:
-            how()
+            yield
         except (StudioError, OSError) as error:
             self.message = str(error)
         self._timer.soon()
