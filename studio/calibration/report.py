@@ -70,8 +70,6 @@ class TargetReport(_Model):
     views: int  # observations of the target used
     corners: int  # corners in these observations
     views_left_out: int  # observations rejected as outliers
-    shared: dict[str, int]
-    """Two camera names ("cam0 cam1") to the number of sync frames in which both see the target."""
     scale_bias: float | None = None
     """Relative error of distances between triangulated corners (0.001 is 1 mm per meter)."""
     corner_error_mm: float | None = None  # RMS distance of the triangulated corners from the target, in millimeters
@@ -119,8 +117,6 @@ class SolutionReport(_Model):
     uncertain: dict[str, float] = {}
     """1-sigma uncertainty of each camera's position, as a fraction of the distance to the points."""
     sharing: list[SharedIntrinsicsReport] = []
-    recentered: bool = False
-    """Whether principal points were estimated; otherwise they are in the middle of the images or known."""
     aspect: float = 1.0  # height of a pixel divided by its width, of all cameras; 1 unless estimated
 
 

@@ -98,7 +98,6 @@ def solve(folder: Path, database_path: Path, job: SfmJob) -> None:
         features=features,
         matches=matches,
         sharing=sharing,
-        recentered=mapper.recentered,
         aspect=mapper.aspect,
         **figures,
     )

@@ -1,6 +1,6 @@
 """Initial camera poses from sync frames in which two cameras see the target."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -28,7 +28,8 @@ def chain_poses(intrinsics: Mapping[str, Camera], views: Mapping[tuple[int, str]
         if error < _WORST:
             poses[key] = pose
     kept = {key: views[key] for key in poses}
-    links = shared_sync_frames(intrinsics, poses)
+    seen = {name: {sync_frame for sync_frame, camera in poses if camera == name} for name in intrinsics}
+    links = {pair: sorted(both) for pair in combinations(seen, 2) if (both := seen[pair[0]] & seen[pair[1]])}
     registered = {next(iter(intrinsics)): np.eye(4)}
     while True:
         # the strongest link from a registered camera to one that has not been placed
@@ -50,16 +51,6 @@ def chain_poses(intrinsics: Mapping[str, Camera], views: Mapping[tuple[int, str]
     state = TargetRig(cameras, {}, kept)
     frames = sorted({sync_frame for sync_frame, _ in kept})
     return replace(state, target_poses={at: state.consensus(at, poses, _MOST) for at in frames})
-
-
-def shared_sync_frames(names: Iterable[str], seen: Iterable[tuple[int, str]]) -> dict[tuple[str, str], list[int]]:
-    """Two camera names to the sync frames in which both see the target, if there are any, from all (sync frame, camera)
-    in which one does."""
-    sync_frames: dict[str, set[int]] = {name: set() for name in names}
-    for sync_frame, name in seen:
-        sync_frames[name].add(sync_frame)
-    shared = {pair: sorted(sync_frames[pair[0]] & sync_frames[pair[1]]) for pair in combinations(sync_frames, 2)}
-    return {pair: found for pair, found in shared.items() if found}
 
 
 def _relative(

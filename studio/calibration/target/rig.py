@@ -12,7 +12,7 @@ from studio.calibration.target.bundle_adjustment import TargetRig
 from studio.calibration.target.intrinsics import intrinsics_from_views
 from studio.calibration.target.outlier_rejection import refine_without_outliers
 from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
-from studio.calibration.target.pose_graph import chain_poses, shared_sync_frames
+from studio.calibration.target.pose_graph import chain_poses
 from studio.calibration.target.scale_accuracy import scale_check
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError
@@ -162,7 +162,6 @@ def calibrate_from_target(
         views=len(state.views),
         corners=sum(len(view.ids) for view in state.views.values()),
         views_left_out=len(views) - len(state.views),
-        shared={" ".join(pair): len(both) for pair, both in shared_sync_frames(state.cameras, state.views).items()},
         **scale_check(state, target),
     )
     result = _result(state, target, settings, figures)

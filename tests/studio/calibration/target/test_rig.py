@@ -209,7 +209,6 @@ def test_known_intrinsics_are_kept_and_chains_reach_all_cameras() -> None:
     result = calibrate_from_target(CHARUCO, views, dict.fromkeys(rig.names, SIZE), settings=RADIAL)
     distance = np.linalg.norm(result.rig["cam0"].center - result.rig["cam2"].center)
     assert distance == pytest.approx(np.linalg.norm(rig["cam0"].center - rig["cam2"].center), abs=0.002)
-    assert "cam0 cam2" not in result.report.target.shared
     apart = {key: view for key, view in views.items() if key[1] != "cam1"}
     with refuses("target.not_connected", camera="cam2", cameras=["cam2"]):
         calibrate_from_target(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE})
