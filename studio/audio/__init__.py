@@ -2,7 +2,7 @@
 
 from studio.audio.cut import Cut, cut_sound
 from studio.audio.encode import encode_sound
-from studio.audio.pcm import Pcm, part_of
+from studio.audio.pcm import Pcm
 from studio.audio.sound_file import SAMPLE_RATE, SoundFile
 
-__all__ = ["SAMPLE_RATE", "Cut", "Pcm", "SoundFile", "cut_sound", "encode_sound", "part_of"]
+__all__ = ["SAMPLE_RATE", "Cut", "Pcm", "SoundFile", "cut_sound", "encode_sound"]

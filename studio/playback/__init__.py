@@ -1,21 +1,17 @@
 """Playback of streams without a window: threads that fetch, decode and dequantize; sound."""
 
 from studio.playback.headless import play_headless
-from studio.playback.pipeline import PlayedFrame
 from studio.playback.rate_rule import RateRule
 from studio.playback.shared import Shared
 from studio.playback.sound_player import SoundDevice, SoundPlayer
-from studio.playback.statistics import FrameStats, PlaybackReport, SkippedGroup, Spread
+from studio.playback.statistics import PlaybackReport, SkippedGroup
 
 __all__ = [
-    "FrameStats",
     "PlaybackReport",
-    "PlayedFrame",
     "RateRule",
     "Shared",
     "SkippedGroup",
     "SoundDevice",
     "SoundPlayer",
-    "Spread",
     "play_headless",
 ]
