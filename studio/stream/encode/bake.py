@@ -23,7 +23,7 @@ from studio.json_types import JsonObject
 from studio.memory_cache import OnDemand
 from studio.progress import ProgressFn, no_progress
 from studio.stream.codecs import CODECS, QP_MAX
-from studio.stream.encode.files import file_facts
+from studio.stream.encode.files import entry_of
 from studio.stream.encode.motion import MotionBake
 from studio.stream.encode.planes import PlanesBake
 from studio.stream.encode.quality import QP_BEST, QualityFn, highest_qp, psnr_of
@@ -309,11 +309,13 @@ def bake_sound(cut: Cut, directory: Path) -> AudioEntry:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         samples = encode_sound(cut.blocks(), str(temporary), SAMPLE_RATE, cut.channels)
-        facts = file_facts(temporary.read_bytes(), ".m4a")
-        os.replace(temporary, directory / facts["path"])
+        entry = entry_of(temporary.read_bytes(), ".m4a")
+        os.replace(temporary, directory / entry.path)
     except OSError as error:
         problem = f"the sound cannot be written ({error.strerror or error})"
         raise StudioError("bake.write_failed", problem, file=temporary) from None
     finally:
         temporary.unlink(missing_ok=True)
-    return AudioEntry(**facts, codec="aac", sample_rate=SAMPLE_RATE, channels=cut.channels, samples=samples, start=0.0)
+    return AudioEntry(
+        **dict(entry), codec="aac", sample_rate=SAMPLE_RATE, channels=cut.channels, samples=samples, start=0.0
+    )

@@ -153,8 +153,8 @@ class MotionBake:
         data, raw_bytes = side.to_bytes(bits)
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps)
-        side_entry = SideEntry(**named_by_content(folder / "motion.bin"), raw_bytes=raw_bytes)
-        qp, facts = CODECS[settings.codec].own_qp(settings.qp), named_by_content(folder / "video.mp4")
+        side_entry = SideEntry(**dict(named_by_content(folder / "motion.bin")), raw_bytes=raw_bytes)
+        qp, facts = CODECS[settings.codec].own_qp(settings.qp), dict(named_by_content(folder / "video.mp4"))
         video = VideoEntry.model_construct(**facts, qp=qp, checks=())
         return MotionRendition.model_construct(
             **identity,

@@ -69,7 +69,7 @@ class PlanesBake:
                 progress(number + 1, len(self._frames))
         entries: dict[int, list[PlaneEntry]] = {}
         for index, (row, _, part, qp) in enumerate(planes):
-            facts = named_by_content(folder / f"{index}.mp4")
+            facts = dict(named_by_content(folder / f"{index}.mp4"))
             plane = PlaneEntry.model_construct(**facts, qp=qp, part=part, checks=())
             entries.setdefault(row, []).append(plane)
         wanted = components(keyframe.sh_degree)

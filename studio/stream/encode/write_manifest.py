@@ -12,7 +12,7 @@ from studio.atomic_files import sync, write_bytes
 from studio.bounded_files import read_bounded
 from studio.errors import StudioError
 from studio.json_types import JsonObject
-from studio.stream.encode.files import file_facts
+from studio.stream.encode.files import entry_of
 from studio.stream.manifest import (
     FILES,
     MANIFEST_NAME,
@@ -147,9 +147,9 @@ def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], 
         end = _fitting(sizes, start, PAGE_BYTES)
         part = tuple(groups[start:end])
         data = Page(format=PAGE_FORMAT, groups=part).to_bytes()
-        facts = file_facts(data, ".json")
-        write_bytes(directory / facts["path"], data)
-        pages.append(PageEntry(**facts, frames=tuple(group.frame_count for group in part)))
+        entry = entry_of(data, ".json")
+        write_bytes(directory / entry.path, data)
+        pages.append(PageEntry(**dict(entry), frames=tuple(group.frame_count for group in part)))
         start = end
     return tuple(pages)
 
