@@ -13,8 +13,6 @@ from studio.errors import StudioError
 SAMPLE_RATE = 48_000
 """Samples per second that sound is resampled to: that of video production, which every device plays."""
 
-_COPY_AGAIN = "Copy it again, or convert it to WAV."
-
 
 class SoundFile:
     """A file with sound. Time 0 is its first video frame, or, without video, its beginning; `duration` is from there,
@@ -73,8 +71,9 @@ class SoundFile:
             raise self._unreadable(error) from None
 
     def _unreadable(self, error: Exception) -> StudioError:
-        reason = getattr(error, "strerror", None) or error
-        return StudioError("audio.unreadable", f"the sound cannot be read ({reason})", file=self.path, fix=_COPY_AGAIN)
+        problem = f"the sound cannot be read ({getattr(error, 'strerror', None) or error})"
+        fix = "Copy it again, or convert it to WAV."
+        return StudioError("audio.unreadable", problem, file=self.path, fix=fix)
 
 
 def _end(container: Any, stream: Any) -> float | None:

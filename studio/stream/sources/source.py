@@ -8,8 +8,6 @@ from studio.errors import StudioError, reason_of
 
 BAKE_AGAIN = "Bake the stream again, or copy it again."  # the fix for a file of a stream that is missing or damaged
 
-_WEB = ("http://", "https://")
-
 
 def damaged(
     code: str, problem: str, file: str | os.PathLike[str] | None, value: Any = None, **fields: Any
@@ -78,4 +76,4 @@ def too_long(file: str | os.PathLike[str], limit: int, size: int | None = None) 
 
 def is_address(place: object) -> bool:
     """True for a string that starts with http:// or https://."""
-    return isinstance(place, str) and place.lower().startswith(_WEB)
+    return isinstance(place, str) and place.lower().startswith(("http://", "https://"))
