@@ -114,9 +114,11 @@ class KeyReports:
 
     def press(self, press: Press) -> None:
         """Note a press, or a repeat of a key that is held, that is passed on to the toolkit."""
-        is_escape = press.code == ESCAPE and not press.repeated
-        self._unheard.append((self._tick, press, is_escape and self.dialog))
         self._last = self._tick
+        is_escape = press.code == ESCAPE
+        if is_escape and press.repeated:
+            return  # does nothing, also if the toolkit has kept the press before it
+        self._unheard.append((self._tick, press, is_escape and self.dialog))
         if is_escape:
             self._last_escape = self._tick
 
@@ -136,7 +138,7 @@ class KeyReports:
         for number, (_, press, _) in enumerate(self._unheard):
             if code in (None, press.code):
                 # a text field kept those before it; Escape in a dialog still has to close it
-                self._unheard[: number + 1] = [one for one in self._unheard[:number] if one[2]]
+                self._unheard[: number + 1] = [one for one in self._unheard[: number + 1] if one[2] and code != ESCAPE]
                 return True, press
         return self._tick >= (self._last_escape if code == ESCAPE else self._last) + SETTLED, None
 
