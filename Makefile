@@ -79,10 +79,10 @@ lint: setup-tests web-lint ## run ruff, mypy, eslint and tsc; look up known vuln
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 	@# An audit that did not happen must not stop somebody's work on a train.
-	@mkdir -p build; rm -f build/audit.txt
+	@mkdir -p build; : >build/audit.txt
 	@if $(AUDIT) --output build/audit.txt 2>build/audit.log; then \
 	    echo "$$(tail -n 1 build/audit.log); unknown packages: $$(grep -c 'could not be audited' build/audit.txt)"; \
-	elif [ -e build/audit.txt ]; then cat build/audit.txt; exit 1; \
+	elif [ -s build/audit.txt ]; then cat build/audit.txt; exit 1; \
 	else echo "Audit skipped: $$(tail -n 1 build/audit.log)"; fi
 
 sbom: setup-tests ## write a software bill of materials (CycloneDX) to build/
