@@ -60,16 +60,20 @@ void test("whatever fails is left to the worker", async () => {
   for (const name of ["manifest.json", "busy", "broken", "large"]) assert.equal(await textOf(source, name, 5), "right", name);
 });
 
-void test("a file of another size than the manifest's is fetched again, and times are told", async () => {
-  page(answer("{}"), { "files/a.bin": answer("abc"), "files/b.bin": answer("too long") });
+void test("a file of another size than the manifest's is fetched again, and its files' times are told", async () => {
+  const [right, long, short] = ["a", "b", "c"].map((digit) => `files/${digit.repeat(32)}.bin`);
+  const manifest = "x".repeat(3 << 20);
+  page(answer(manifest), { [right]: answer("abc"), [long]: answer("too long"), [short]: answer("few") });
   const told: number[] = [];
   const source = opened((bytes) => told.push(bytes));
-  assert.equal(new TextDecoder().decode(await source.read("files/a.bin", 3, signal)), "abc");
-  assert.equal(new TextDecoder().decode(await source.read("files/b.bin", 5, signal)), "right");
-  assert.deepEqual(fetched, ["stream/files/b.bin"]);
-  assert.deepEqual(told, [3, 5]);
-  assert.ok(source.early("files/a.bin") > 0);
-  assert.equal(source.early("files/b.bin"), 0);
+  assert.equal(await textOf(source, "manifest.json", 1 << 23), manifest);
+  assert.equal(await textOf(source, right, 3), "abc");
+  for (const name of [long, short]) assert.equal(await textOf(source, name, 5), "right");
+  assert.deepEqual(fetched, [`stream/${long}`, `stream/${short}`]);
+  assert.equal(await textOf(source, "manifest.json"), "right"); // as in live streams, again and again
+  assert.deepEqual(told, [3, 5, 5]);
+  assert.ok(source.early(right) > 0);
+  assert.equal(source.early(long), 0);
 });
 
 void test("a file is handed over while it arrives", async () => {

@@ -183,7 +183,8 @@ export class V3Stream extends Emitter<StreamEvents> {
         this.path = message.value;
         break;
       case "video":
-        this.videos.open(message.value);
+        if ("document" in globalThis) this.videos.open(message.value);
+        else this.fail("The decoder video needs a page, not a worker; webcodecs needs a secure (HTTPS) page.");
         return;
     }
     this.emit(message.type, message.value);

@@ -28,6 +28,7 @@ export class HttpSource implements Source {
   }
 
   async read(path: string, limit: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>> {
+    const listed = HASHED.test(path); // in the manifest, with its size; the manifest itself may be read often, from a cache
     let out = new Uint8Array(Math.min(limit, FIRST_BYTES));
     let filled = 0;
     let tag: string | null = null;
@@ -44,13 +45,13 @@ export class HttpSource implements Source {
       arrived?.(out, filled);
     };
     const early = await this.takeEarly(path, (chunk) => {
-      // If it is too large, it is an older file in a cache.
+      // Of another size, it is an older file in a cache.
       if (filled + chunk.length <= limit) add(chunk);
       else filled = Infinity;
     });
-    if (early !== null && filled <= limit) {
+    if (early !== null && (listed ? filled === limit : filled <= limit)) {
       this.earlyTimes.set(path, early);
-      this.received(filled, early);
+      if (listed) this.received(filled, early);
       return out.subarray(0, filled);
     }
     filled = 0;
@@ -61,7 +62,7 @@ export class HttpSource implements Source {
         if (response.status !== 206) filled = 0;
         const found = response.headers.get("ETag");
         tag = found?.startsWith("W/") === true ? null : found;
-        await this.receive(response, add);
+        await this.receive(response, add, listed);
       });
       // A broken connection raises an error in the reader; a body that ends normally is complete.
       return out.subarray(0, filled);
@@ -133,8 +134,9 @@ export class HttpSource implements Source {
     }
   }
 
-  /** Takes in a body chunk by chunk, and reports how fast it came; fails if no data arrives for too long. */
-  private async receive(response: Response, take: Take): Promise<void> {
+  /** Takes in a body chunk by chunk, and reports how fast it came if that is `measured`; fails if no data arrives for too
+   * long. */
+  private async receive(response: Response, take: Take, measured = true): Promise<void> {
     const reader = response.body?.getReader();
     const began = performance.now();
     let bytes = 0;
@@ -149,7 +151,7 @@ export class HttpSource implements Source {
       reader?.cancel().catch(() => undefined);
       throw error instanceof StreamError ? error : new StreamError("The connection was interrupted.", true);
     }
-    this.received(bytes, performance.now() - began);
+    if (measured) this.received(bytes, performance.now() - began);
   }
 
   private async request(
