@@ -1,12 +1,10 @@
 """Multiresolution hash encoding (paper equation 5; Mueller et al. 2022, section 3) in plain PyTorch, CPU and CUDA.
 
 The encoded positions are fixed during the motion stage of a frame, so the table rows that each position reads and their
-trilinear weights are computed once. They form a constant sparse matrix, so each step is a sparse-dense product, whose
-gradient is the product with the transpose: exact and deterministic. On the CPU, `motion.py` evaluates grid and MLP with
-one kernel instead, and on an NVIDIA GPU with the kernels of `triton/field.py`.
+trilinear weights are computed once. On the CPU, `motion.py` evaluates grid and MLP with one kernel instead, and on an
+NVIDIA GPU with the kernels of `triton/field.py`.
 """
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,50 +72,12 @@ class Corners:
         return self.rows.shape[1]
 
     @cached_property
-    def read(self) -> Tensor:
-        """(N * L, rows) the weights as a sparse CSR matrix; row n * L + l is position n at level l."""
-        index, weight = self._flat
-        starts = torch.arange(0, len(index) + 1, 8, device=index.device)
-        return _csr(starts, index, weight, (len(index) // 8, int(self.level_rows[-1])))
-
-    @cached_property
-    def spread(self) -> Tensor:
-        """(rows, N * L) transpose of `read`."""
-        index, weight = self._flat
-        total = int(self.level_rows[-1])
-        order = torch.argsort(index, stable=True)
-        counts = torch.bincount(index, minlength=total)
-        starts = torch.cat([counts.new_zeros(1), counts.cumsum(0)])
-        return _csr(starts, order // 8, weight[order], (total, len(index) // 8))
-
-    @cached_property
     def passes(self) -> Passes:
-        """The sums of the product with `spread`, in pieces for `triton/field.py`. Waits for the GPU."""
-        index, weight = self._flat
+        """The sums of what reads each row, in pieces for `triton/field.py`. Waits for the GPU."""
+        index, weight = (each.transpose(0, 1).reshape(-1) for each in (self.rows, self.weights))
         order = torch.argsort(index, stable=True)
         counts = torch.bincount(index, minlength=int(self.level_rows[-1]))
         return Passes((order // 8).int(), weight[order], pieces_of(counts))
-
-    @property
-    def _flat(self) -> tuple[Tensor, Tensor]:
-        return self.rows.transpose(0, 1).reshape(-1), self.weights.transpose(0, 1).reshape(-1)
-
-
-def _csr(starts: Tensor, columns: Tensor, values: Tensor, shape: tuple[int, int]) -> Tensor:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # "CSR support is in beta"
-        return torch.sparse_csr_tensor(starts.int(), columns.int(), values, shape, check_invariants=False)
-
-
-class _Interpolate(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, table, read, spread):  # type: ignore[no-untyped-def]
-        ctx.spread = spread
-        return read @ table
-
-    @staticmethod
-    def backward(ctx, gradient):  # type: ignore[no-untyped-def,override]
-        return ctx.spread @ gradient.contiguous(), None, None
 
 
 class HashGrid(nn.Module):
@@ -182,5 +142,5 @@ class HashGrid(nn.Module):
 
     def forward(self, corners: Corners) -> Tensor:
         """(N, L * F) encodings of the positions of `corners`, level by level."""
-        out = _Interpolate.apply(self.table, corners.read, corners.spread)
-        return out.reshape(corners.positions, self.width)
+        levels = (self.table[corners.rows] * corners.weights[..., None]).sum(2)
+        return levels.transpose(0, 1).reshape(corners.positions, self.width)
