@@ -100,7 +100,7 @@ class Overlays:
                 return True
             if event.key in (key.H, key.Q, key.QUESTION_MARK, key.SLASH):
                 return False
-            window.start.key(event)
+            window.start.key(event, shift)
             return True
         return False
 

@@ -137,6 +137,13 @@ class StartPage:
         if best is not None:
             self.focus = best[1]
 
+    def step(self, boxes: Sequence[tuple[Box, str]], by: int) -> None:
+        """Move the focus to the next (1) or previous (-1) in order, around the end."""
+        names = [name for _, name in boxes]
+        if names:
+            at = names.index(self.focus) if self.focus in names else -1
+            self.focus = names[(at + by) % len(names)]
+
     def close(self) -> bool:
         """End the thread. Returns whether it ended in time."""
         return self._worker is None or self._worker.close()

@@ -47,11 +47,13 @@ class StartPanel:
         self.picture.show(pixels)
         return True
 
-    def key(self, event: gui.KeyEvent) -> None:
+    def key(self, event: gui.KeyEvent, shift: bool) -> None:
         """Handle a key that is pressed."""
         key, page = event.key, self.page
         if key in _MOVES:
             page.move(self._list.boxes.all, *_MOVES[key])
+        elif key == gui.KeyName.TAB:
+            page.step(self._list.boxes.all, -1 if shift else 1)
         elif key == gui.KeyName.ENTER:
             if any(name == page.focus for _, name in self._list.boxes.all):
                 self._act(page.focus)

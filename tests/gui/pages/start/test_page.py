@@ -40,7 +40,7 @@ def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(
     assert set(page.cards) == {places[2]}
 
 
-def test_everything_is_reached_by_arrow_keys(page: StartPage) -> None:
+def test_everything_is_reached_by_arrow_keys_and_by_tab(page: StartPage) -> None:
     page.places = tuple(f"/takes/{number}" for number in range(5))
     page.back = "walk"
     for size in ((1280, 760), (820, 600)):
@@ -58,3 +58,8 @@ def test_everything_is_reached_by_arrow_keys(page: StartPage) -> None:
                 if page.focus not in reached:
                     waiting.append(page.focus)
         assert reached == set(names), size
+        page.focus, walked = names[0], []
+        for _ in names:
+            page.step(picture.boxes.all, 1)
+            walked.append(page.focus)
+        assert sorted(walked) == sorted(names)
