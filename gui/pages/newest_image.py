@@ -47,10 +47,10 @@ class NewestImage:
         if pixels is not None:
             self._shown, self._pixels, self._missing_since, self._words = wanted, pixels, None, ""
             return pixels
-        first, empty = self._pixels is None, np.full((size[1], size[0], 3), GROUND, np.uint8)
+        first = self._pixels is None
         if first and (finished or message):  # there will be none
             said, self._words, self._missing_since = self._words, "", None
-            return empty if said else None
+            return _empty(size) if said else None
         if not first and wanted == self._shown and right_frame:
             self._missing_since = None
             return None
@@ -63,5 +63,9 @@ class NewestImage:
         if words == self._words:
             return None
         self._words = words
-        last = empty if self._pixels is None or (message and wanted != self._shown) else self._pixels
+        last = _empty(size) if self._pixels is None or (message and wanted != self._shown) else self._pixels
         return waiting(last, "" if message else words, em)
+
+
+def _empty(size: tuple[int, int]) -> np.ndarray:
+    return np.full((size[1], size[0], 3), GROUND, np.uint8)
