@@ -26,17 +26,21 @@ def fragments(pixel: np.ndarray, depth: np.ndarray, cover: np.ndarray | float, c
 
 
 def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int) -> np.ndarray:
-    """(F,) `FRAGMENT`: points (N, 3), colors (N, 3) uint8, 2 * radius - 1 pixels wide; round if more than 3."""
+    """(F,) `FRAGMENT`: points (N, 3), colors (N, 3) uint8, 2 * radius - 1 pixels wide; round if more than 3. A pixel
+    has the nearest point only, which hides the others: there may be very many."""
     pixels, depth = camera.project(points)
-    good = (depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1)
-    place, depth, colors = np.floor(pixels[good]).astype(np.int64), depth[good], colors[good]
-    found = []
-    for dx, dy in product(range(1 - radius, radius), repeat=2):
-        if dx * dx + dy * dy <= (radius - 0.5) ** 2:
-            x, y = place[:, 0] + dx, place[:, 1] + dy
-            inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-            found.append(fragments((y * camera.width + x)[inside], depth[inside], 1.0, colors[inside]))
-    return np.concatenate(found)
+    good = np.flatnonzero((depth > NEAR) & (np.abs(pixels) < 1e6).all(axis=1))
+    good = good[np.argsort(-depth[good], kind="stable")]  # far ones first
+    place = np.floor(pixels[good]).astype(np.int64)
+    nearest = np.full(camera.width * camera.height, -1)
+    steps = np.array(list(product(range(1 - radius, radius), repeat=2)))
+    steps = steps[(steps**2).sum(axis=1) <= (radius - 0.5) ** 2]
+    x, y = np.moveaxis(place[:, None] + steps, 2, 0)
+    inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+    nearest[(y * camera.width + x)[inside]] = np.repeat(good[:, None], len(steps), axis=1)[inside]  # the last one stays
+    pixel = np.flatnonzero(nearest >= 0)
+    which = nearest[pixel]
+    return fragments(pixel, depth[which], 1.0, colors[which])
 
 
 def line_fragments(camera: Camera, lines: Lines) -> np.ndarray:

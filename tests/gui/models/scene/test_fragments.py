@@ -3,7 +3,7 @@
 import numpy as np
 
 from gui.models.scene.contents import Lines
-from gui.models.scene.fragments import image_on_quad, line_fragments
+from gui.models.scene.fragments import image_on_quad, line_fragments, point_fragments
 from studio.cameras import Camera
 
 K = np.array([[100.0, 0, 60], [0, 110.0, 40], [0, 0, 1]])
@@ -37,6 +37,20 @@ def test_a_lines_pixels_lie_on_it_at_its_depth() -> None:
         length = np.linalg.norm(pixels[-1] - pixels[0])
         assert abs(found["cover"].sum() / (2.0 * length) - 1) < 0.06
         assert (found["color"] == (9, 8, 7)).all()
+
+
+def test_a_pixel_has_the_nearest_of_the_points_on_it() -> None:
+    view, rng = camera(2), np.random.default_rng(3)
+    points, colors = rng.normal(size=(3000, 3)), rng.integers(0, 256, (3000, 3)).astype(np.uint8)
+    found = point_fragments(view, points, colors, 2)
+    pixels, depth = view.project(points)
+    expected: dict[int, tuple[float, list[int]]] = {}
+    for (x, y), away, color in zip(np.floor(pixels).astype(int), depth, colors.tolist(), strict=True):
+        for column in range(max(x - 1, 0), min(x + 2, 120)):
+            for row in range(max(y - 1, 0), min(y + 2, 80)) if away > 0 else ():
+                expected[row * 120 + column] = min(expected.get(row * 120 + column, (np.inf, [])), (away, color))
+    assert {one["pixel"]: (one["depth"], one["color"].tolist()) for one in found} == expected
+    assert len(found) == len(expected)
 
 
 def test_an_image_on_a_quad_has_the_depth_of_its_plane() -> None:
