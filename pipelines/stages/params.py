@@ -2,7 +2,7 @@
 
 from typing import Any, TypeAlias
 
-from pipelines.config import Config
+from pipelines.config.config import Config, values_of
 from pipelines.takes.atomic_files import digest_of
 from studio.json_types import JsonData
 from studio.settings import affected
@@ -10,32 +10,17 @@ from studio.settings import affected
 Params: TypeAlias = dict[str, JsonData]  # settings by dotted name, digests of inputs and of other stages' results
 
 
-def settings_of(config: Config, *names: str) -> Params:
-    """Values of settings by dotted name; the name of a section selects all settings in it.
-
-    `capture.root` is never included: a capture may move, and the digest of its files identifies it.
-    """
-    tree = config.model_dump(mode="json")
-    found: Params = {}
-
-    def collect(prefix: str, value: Any) -> None:
-        if isinstance(value, dict):
-            for key, item in value.items():
-                collect(f"{prefix}.{key}", item)
-        else:
-            found[prefix] = value
-
-    for name in names:
-        value: Any = tree
-        for part in name.split("."):
-            value = value[part]
-        collect(name, value)
-    return found
-
-
 def settings_affecting(config: Config, *results: str) -> Params:
-    """Settings by dotted name that affect any of `results`, as their fields declare with `Affects`."""
-    return settings_of(config, *(name for name, own in affected(Config).items() if not set(results).isdisjoint(own)))
+    """Settings by dotted name that affect any of `results`, as their fields declare with `Affects`; those of a record
+    by the names of its items. `capture.root` is never among them: a capture may move, and the digest of its files
+    identifies it."""
+    found: Params = {}
+    for name, value in values_of(config).items():
+        if not set(results).isdisjoint(affected(Config)[name]):
+            found |= (
+                {f"{name}.{key}": item for key, item in value.items()} if isinstance(value, dict) else {name: value}
+            )
+    return found
 
 
 def key_of(stage: str, version: int, *parts: Any) -> str:

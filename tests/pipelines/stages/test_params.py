@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import load_config
-from pipelines.stages import GROUP_STAGES, Stage, bake, params
-from pipelines.stages.baking import plan
+from pipelines.config import Config, load_config
+from pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, footage, params
+from pipelines.stages.baking import plan, rungs
 from pipelines.stages.baking.plan import BakePlan
 from pipelines.stages.baking.publish import publish
 from pipelines.stages.inputs import Inputs
@@ -36,14 +36,15 @@ PUBLISHED = {  # settings of `bake` that no group depends on, and a value with w
 def asked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], set[str]]:
     """Names of the settings that a call digests."""
     names: set[str] = set()
-    settings_of = params.settings_of
+    settings_affecting = params.settings_affecting
 
-    def noted(config: object, *given: str) -> object:
-        found = settings_of(config, *given)
+    def noted(config: Config, *results: str) -> object:
+        found = settings_affecting(config, *results)
         names.update(found)
         return found
 
-    monkeypatch.setattr(params, "settings_of", noted)
+    for module in (plan, *(stage.code for stage in STAGES), footage, rungs):
+        monkeypatch.setattr(module, "settings_affecting", noted)
 
     def during(call: Callable[[], object]) -> set[str]:
         names.clear()
