@@ -12,9 +12,9 @@ from pydantic import JsonValue
 from pipelines.stages import Stage
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import Result, digest_of, digest_of_files, digests_of_files, remove, write_model
+from pipelines.takes.atomic_files import Result, digest_of, digests_of_files, remove, write_model
 from pipelines.takes.edits import PREFIX
-from pipelines.takes.records import StageRecord, read_failure, read_record, result_of
+from pipelines.takes.records import StageRecord, on_disk, read_failure, read_record, result_of
 from studio.errors import StudioError
 from studio.json_types import JsonData
 
@@ -67,16 +67,10 @@ def current_params(stage: Stage, inputs: Inputs) -> Params:
 
 
 def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) -> None:
-    files = stage.code.results(inputs)
-    root = inputs.take.root
-    digests = digests_of_files(root, files)
     record = StageRecord(
         stage=stage.name,
         params=cast(dict[str, JsonValue], current_params(stage, inputs)),  # the same values in pydantic's words
-        result=digest_of(digests),
-        digests=digests,
-        files={path.relative_to(root).as_posix(): path.stat().st_size for path in files},
-        written={path.relative_to(root).as_posix(): path.stat().st_mtime_ns for path in files},
+        **on_disk(inputs.take.root, stage.code.results(inputs)),
         seconds=round(seconds, 3),
         finished=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         summary=summary.to_json(),
@@ -154,7 +148,7 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
     if changed:
         return "; ".join(changed)
     # with another modification time the content may still be the same, as in a copied take
-    if touched and digest_of_files(root, [root / name for name in written]) != record.result:
+    if touched and digest_of(digests_of_files(root, [root / name for name in written])) != record.result:
         return "result files were modified"
     return ""
 

@@ -27,7 +27,6 @@ __all__ = [
     "changing",
     "digest_of",
     "digest_of_file",
-    "digest_of_files",
     "digests_of_files",
     "disk_errors",
     "held",
@@ -135,11 +134,6 @@ def digest_of_file(path: Path) -> str:
     """24 hex digits of the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:24]
-
-
-def digest_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """24 hex digits for files' names, relative to `folder`, and contents: `digest_of` their `digests_of_files`."""
-    return digest_of(digests_of_files(folder, files))
 
 
 def digests_of_files(folder: Path, files: Iterable[Path]) -> dict[str, str]:

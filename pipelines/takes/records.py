@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 
-from pipelines.takes.atomic_files import Result, digest_of, digest_of_file, read_model, write_model
+from pipelines.takes.atomic_files import Result, digest_of, digests_of_files, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
 
@@ -76,17 +77,21 @@ def read_record(take: Take, stage: str) -> StageRecord | None:
 def note_rewritten(take: Take, stage: str) -> None:
     """Update a stage's record after the program rewrote its files without changing their meaning."""
     record = read_record(take, stage)
-    if record is None:
-        return
-    stats = {name: (take.root / name).stat() for name in record.files}
-    digests = {name: digest_of_file(take.root / name) for name in record.files}
-    update = {
+    if record is not None:
+        found = on_disk(take.root, [take.root / name for name in record.files])
+        write_model(take.record(stage), record.model_copy(update=found))
+
+
+def on_disk(root: Path, files: Iterable[Path]) -> dict[str, Any]:
+    """The fields of a record about the files that a stage wrote: result, files, digests, written."""
+    digests = digests_of_files(root, files)
+    stats = {name: (root / name).stat() for name in digests}
+    return {
         "result": digest_of(digests),
         "digests": digests,
         "files": {name: stat.st_size for name, stat in stats.items()},
         "written": {name: stat.st_mtime_ns for name, stat in stats.items()},
     }
-    write_model(take.record(stage), record.model_copy(update=update))
 
 
 def digests_on_record(take: Take, *stages: str) -> dict[Path, str]:
