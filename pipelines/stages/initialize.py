@@ -151,9 +151,8 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
                 expected=_FEWEST_POINTS,
             )
     for warning in found.warnings:
-        told = warning if isinstance(warning, Message) else Message("hull.warning", warning)
-        fields = {**told.fields, "group": group.index}
-        reporter.warn(replace(told, problem=f"group {group.index}: {told.problem}", fields=fields))
+        fields = {**warning.fields, "group": group.index}
+        reporter.warn(replace(warning, problem=f"group {group.index}: {warning.problem}", fields=fields))
     if group.index == 0:
         _tell_coverage(footage, reporter, points, normals)
     folder = inputs.take.initialize_group(group.index)

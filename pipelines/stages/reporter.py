@@ -176,8 +176,6 @@ class StageReporter:
         """Report a detail; see `Log`."""
         self._emit(Log(stage=self.stage, message=message))
 
-    def warn(self, message: Message | str) -> None:
-        """Report a warning. Plain text gets the code `STAGE.warning`."""
-        if not isinstance(message, Message):
-            message = Message(f"{self.stage}.warning", message)
+    def warn(self, message: Message) -> None:
+        """Report a warning."""
         self._emit(Warned.of(message, stage=self.stage))

@@ -20,7 +20,7 @@ SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
 OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "mask.empty", "mask.full"}
 """Problems that stop a stage, and that Capture lists; not warnings."""
 OTHERS = {
-    "bakes.evaluation_not_noted", "calibration.worker_failed", "command.usage", "edits.no_take", "hull.warning",
+    "bakes.evaluation_not_noted", "calibration.worker_failed", "command.usage", "edits.no_take",
     "mask.no_source", "playback.failed", "program.bug", "run.cancelled", "settings.invalid", "settings.no_take",
     "settings.run_active", "settings.unknown", "sync.offset", "sync.unknown",
 }  # fmt: skip
