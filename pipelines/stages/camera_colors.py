@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from pipelines.events.cancellation import Cancellation
 from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.params import derived_seed
@@ -24,7 +23,7 @@ VERSION = 1
 _LARGE = 13.0  # levels of 255 from the mean camera from which on a camera is named in the log
 
 
-def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
+def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     """Fit the matrices unless they are there; any worker gives the same bytes. Raises StudioError."""
     chosen = inputs.config.train.camera_colors
     if isinstance(chosen, int):
@@ -32,7 +31,7 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str, stop
     else:
         check_first_points(inputs.take, "the colors of the cameras are fitted to")
         fit = partial(_fit_to_splats, inputs, reporter, key)
-    ensure_fitted(inputs, reporter, stop, inputs.take.camera_colors, CameraColors, key, fit)
+    ensure_fitted(inputs, reporter, inputs.take.camera_colors, CameraColors, key, fit)
 
 
 def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:

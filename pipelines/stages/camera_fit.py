@@ -58,21 +58,15 @@ def check_first_points(take: Take, what: str) -> None:
 def ensure_fitted(
     inputs: Inputs,
     reporter: StageReporter,
-    stop: Cancellation,
     file: Path,
     kind: type[_Fitted],
     key: str,
     fit: Callable[[], None],
 ) -> None:
     """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes."""
-
-    def check() -> None:
-        stop.check()
-        reporter.check()
-
-    with inputs.take.group_locked(file.stem, 0, check):
+    with inputs.take.group_locked(file.stem, 0, reporter.check):
         with suppress(StudioError):  # missing or damaged
             if read_model(file, kind).key == key:
                 return
         # with the threads of the first group, so that other workers get the same bits
-        run_groups({0: fit}, 1, threads_of_groups(inputs), stop)
+        run_groups({0: fit}, 1, threads_of_groups(inputs), Cancellation())

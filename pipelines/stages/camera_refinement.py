@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.events.cancellation import Cancellation
 from pipelines.reports.calibration import write_calibration_page
 from pipelines.stages.calibrate import given_cameras
 from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
@@ -36,11 +35,11 @@ def refines_cameras(inputs: Inputs) -> bool:
     return not inputs.config.calibrate.board_images and given_cameras(inputs) is None
 
 
-def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str, stop: Cancellation) -> None:
+def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     """Refine the cameras unless that is done; any worker gives the same bytes. Raises StudioError."""
     check_first_points(inputs.take, "the cameras are refined with")
     fit = partial(_refine, inputs, reporter, key)
-    ensure_fitted(inputs, reporter, stop, inputs.take.camera_refinement, CameraRefinement, key, fit)
+    ensure_fitted(inputs, reporter, inputs.take.camera_refinement, CameraRefinement, key, fit)
     inputs.footage.forget_cameras()
 
 

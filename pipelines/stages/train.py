@@ -10,13 +10,12 @@ Where the group is then trained jointly, each frame is replaced, with one key fo
 frames. What was there before is kept beside it, so that another joint training, or a longer take, starts from it.
 """
 
-from collections.abc import Callable, Mapping, Sequence, Set
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Sequence, Set
+from contextlib import nullcontext
 from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from pipelines.events.cancellation import Cancellation
 from pipelines.stages import Executor, camera_colors, camera_refinement, stage_named
 from pipelines.stages.baking.live import LiveBake
 from pipelines.stages.camera_colors import ensure_camera_colors
@@ -76,18 +75,17 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
         problem = "all cameras are held out; none are left to train on"
         fix = "Remove cameras from capture.held_out."
         raise StudioError("settings.no_training_camera", problem, fix=fix, setting="capture.held_out")
-    finished = {group.index: _finished(inputs, group) for group in groups}
     done = {group.index for group in groups if group_done(inputs, group)}
     todo = [group for group in groups if group.index not in done]
     if executor is None and todo:
         refuse_too_little_memory(inputs)
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
-        _prepare(inputs, reporter, Cancellation())
+        _prepare(inputs, reporter)
     reporter.start_clock()
     with LiveBake(inputs, reporter, done) if inputs.config.run.live else nullcontext() as live:
         written = (lambda group: None) if live is None else live.written
         if executor is None:
-            _train_here(inputs, reporter, todo, finished, written)
+            _train_groups(inputs, reporter, todo, groups_at_once(inputs), written=written, lock=True)
         elif todo:
             executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index))
     trained = []
@@ -105,28 +103,39 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
     )
 
 
-def _train_here(
+def _train_groups(
     inputs: Inputs,
     reporter: StageReporter,
-    todo: Sequence[Group],
-    finished: Mapping[int, Set[int]],
-    written: Callable[[int], None],
+    groups: Sequence[Group],
+    at_once: int,
+    *,
+    lock: bool,
+    written: Callable[[int], None] = lambda group: None,
 ) -> None:
-    """Train groups that are not done, several at once."""
-    at_once = groups_at_once(inputs)
-    for group in todo:
-        _announce(group, finished[group.index], reporter)
-    clock = TrainClock(todo, finished, inputs.config.train)
+    """Train groups that are not done, `at_once` in parallel, and meanwhile check the frames that are not trained yet.
+    `lock`: whether the groups are still to be locked."""
+    finished = {group.index: _finished(inputs, group) for group in groups}
+    for group in groups:
+        if done := len(finished[group.index]):
+            reporter.log(f"group {group.index}: {done} of {counted(len(group.frames), 'frame')} are already trained")
+    clock = TrainClock(groups, finished, inputs.config.train)
     work = GroupWork(inputs, reporter, clock, max(1, inputs.threads // at_once), written)
-    jobs = {group.index: partial(_train, inputs, work, group) for group in todo}
-    with _checked(inputs, todo, finished, work):
+
+    def train(group: Group, *keys: list[str]) -> None:
+        with inputs.take.group_locked(STAGE.name, group.index, work.check) if lock else nullcontext():
+            if not group_done(inputs, group):
+                work.train(group, _finished(inputs, group), *keys)
+
+    jobs = {group.index: partial(train, group, *_keys_to_write(inputs, group)) for group in groups}
+    frames = tuple(
+        frame
+        for group in groups
+        for position, frame in enumerate(group.frames)
+        if position not in finished[group.index]
+    )
+    checks = inputs.config.run.check_footage and frames
+    with footage_check(inputs.footage.trained, frames, work.stop, reporter) if checks else nullcontext():
         run_groups(jobs, at_once, threads_of_groups(inputs), work.stop)
-
-
-def _train(inputs: Inputs, work: GroupWork, group: Group) -> None:
-    with inputs.take.group_locked(STAGE.name, group.index, work.check):
-        if not group_done(inputs, group):
-            work.train(group, _finished(inputs, group), *_keys_to_write(inputs, group))
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
@@ -141,45 +150,18 @@ def group_done(inputs: Inputs, group: Group) -> bool:
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
     refuse_too_little_memory(inputs)
-    finished = _finished(inputs, group)
-    _announce(group, finished, reporter)
-    clock = TrainClock((group,), {group.index: finished}, inputs.config.train)
-    work = GroupWork(inputs, reporter, clock, inputs.threads)
-    _prepare(inputs, reporter, work.stop)
-    job = partial(work.train, group, finished, *_keys_to_write(inputs, group))
-    with _checked(inputs, (group,), {group.index: finished}, work):
-        run_groups({group.index: job}, 1, threads_of_groups(inputs), work.stop)
+    _prepare(inputs, reporter)
+    _train_groups(inputs, reporter, (group,), 1, lock=False)
 
 
-def _announce(group: Group, finished: Set[int], reporter: StageReporter) -> None:
-    if finished:
-        frames = counted(len(group.frames), "frame")
-        reporter.log(f"group {group.index}: {len(finished)} of {frames} are already trained")
-
-
-def _checked(
-    inputs: Inputs, groups: Sequence[Group], finished: Mapping[int, Set[int]], work: GroupWork
-) -> AbstractContextManager[None]:
-    """Checks the frames that are not trained yet while the block trains them."""
-    frames = tuple(
-        frame
-        for group in groups
-        for position, frame in enumerate(group.frames)
-        if position not in finished[group.index]
-    )
-    if not inputs.config.run.check_footage or not frames:
-        return nullcontext()
-    return footage_check(inputs.footage.trained, frames, work.stop, work.reporter)
-
-
-def _prepare(inputs: Inputs, reporter: StageReporter, stop: Cancellation) -> None:
+def _prepare(inputs: Inputs, reporter: StageReporter) -> None:
     """Fit the colors of the cameras, and refine the cameras, if that is wanted and not done yet."""
     settings, recipe = inputs.config.train, _keyframe_recipe(inputs)
     keys = _cameras_keys(inputs, recipe)
     if settings.camera_colors is not None:
-        ensure_camera_colors(inputs, reporter, keys[0], stop)
+        ensure_camera_colors(inputs, reporter, keys[0])
     if refines_cameras(inputs):
-        ensure_refined_cameras(inputs, reporter, keys[-1], stop)
+        ensure_refined_cameras(inputs, reporter, keys[-1])
     else:
         drop_refined_cameras(inputs)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pipelines.events import Event, Warned
-from pipelines.events.cancellation import Cancellation
 from pipelines.runs.runner import status
 from pipelines.stages.camera_colors import ensure_camera_colors
 from pipelines.stages.inputs import Inputs
@@ -79,7 +78,7 @@ def test_a_camera_that_is_not_corrected_is_named(copied: Path) -> None:
     run_take(copied, stages=INITIALIZED)
     events: list[Event] = []
     context = Inputs(Take.open(copied / "take"), settings_in(copied, COLORS))
-    ensure_camera_colors(context, StageReporter("train", events.append), "key", Cancellation())
+    ensure_camera_colors(context, StageReporter("train", events.append), "key")
     (warning,) = warnings_in(events, "training.no_camera_color")
     assert "the colors of cam1 are not corrected" in warning.message
 
