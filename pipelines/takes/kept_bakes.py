@@ -11,6 +11,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pydantic import JsonValue, ValidationError
 
@@ -195,8 +196,11 @@ def keep_bake(take: Take, name: str) -> KeptBake:
         fix = "Run `v3studio bake` first."
         raise StudioError("bakes.not_baked", "there is no finished bake to keep", file=take.root, fix=fix, stage="bake")
     records = [record, *_evaluation_of(take, record)]
-    params = _params([*_made_from(take, record), *records[1:]])
+    made_from = _made_from(take, record)
+    params = _params([*made_from, *records[1:]])
     settings = {name: value for name, value in _settings_of(params).items() if field_named(Config, name)}
+    # in the file, it may be relative to the take
+    settings |= {name: value for name, value in _present_settings(take).items() if name == "capture.root"}
     for one in records:
         refuse_damage(take, one.stage, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
     with atomic_path(take.bakes / name, durable=True) as folder:
@@ -205,7 +209,9 @@ def keep_bake(take: Take, name: str) -> KeptBake:
         text = changed_text(take.config, settings) or take.config.read_text(encoding="utf-8")
         write_text(folder / "config.yaml", text, durable=True)
         if _present_edits(take) != _edits_of(record.params):  # it was edited since
-            edits = {name.removeprefix(PREFIX): value for name, value in _edits_of(params).items()}
+            edits: dict[str, Any] = {name.removeprefix(PREFIX): value for name, value in _edits_of(params).items()}
+            if any(f"{PREFIX}crop" in one.params for one in made_from if one.stage == "train"):
+                edits["crop"] = {**edits["crop"], "training": True}
             write_json(folder / "edits.json", {"format": EDITS_FORMAT, "edits": edits}, durable=True)
     return next(kept for kept in kept_bakes(take) if kept.name == name)
 

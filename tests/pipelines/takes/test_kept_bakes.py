@@ -12,7 +12,7 @@ from pipelines.takes.integrity import check_take
 from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
 from pipelines.takes.settings_file import set_settings
 from pipelines.takes.take import Take
-from studio.edits.edit_list import EditList
+from studio.edits.edit_list import CropBox, EditList
 from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.sounds import clicks, write_wav
@@ -154,11 +154,21 @@ def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) ->
 def test_a_bake_is_kept_with_the_settings_and_edits_that_it_was_made_with(take: Take, here: Callable) -> None:
     before = load_config(take.config)
     changed = {"bake.quality": 30, "bake.attribute_qps": {"sh": 40}, "capture.fps": 50, "capture.offsets": {"cam1": 1}}
+    changed["capture.root"] = os.path.relpath(before.capture.root, take.root)
     set_settings(take.config, {**changed, "train.dilation": 0.2, "evaluate.crop_padding": 3})
     here("edit", "trim", take.root, "1:3").ok()
     kept = keep_bake(take, "fine").take
     assert load_config(kept.config) == before
     assert read_edits(kept.edits) == EditList() != read_edits(take.edits)
+
+
+def test_a_kept_bake_knows_that_training_saw_the_crop_box(take: Take) -> None:
+    box = {"center": (0, 0, 0), "size": (9, 9, 9)}
+    for stage in ("train", "bake"):
+        record = json.loads(take.record(stage).read_bytes())
+        record["params"]["edits.crop"] = box
+        take.record(stage).write_text(json.dumps(record))
+    assert read_edits(keep_bake(take, "fine").take.edits) == EditList(crop=CropBox(**box, training=True))
 
 
 @pytest.mark.parametrize(("name", "value", "code"), [("quality", 99, "invalid"), ("removed", 1, "unknown")])
