@@ -16,7 +16,8 @@ export interface EscapedSplats {
 }
 
 /** Copies the splats with escapes out of a frame of the profile motion. `luma`: the frame's image: (rows * tile, columns *
- * tile). `statics`: (tile, tile, 4). `escapes`: (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one another. */
+ * tile). `statics`: (tile, tile, 4). `escapes`: (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one
+ * another. */
 export function escapedSplats(
   { tile, columns, rows }: PictureLayout,
   channels: number,

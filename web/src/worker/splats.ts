@@ -28,8 +28,8 @@ type Target = readonly [array: Float32Array, stride: number, first: number];
 const clamped = (value: number): number => Math.min(Math.max(value, 0), 1);
 const same = (value: number): number => value;
 
-/** Fills in everything but the means. `tables`: null in the profile `planes`. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's
- * block table, or null in the profile `planes`. */
+/** Fills in everything but the means. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's block
+ * table; it and `tables` are null in the profile `planes`. */
 export function dequantize(
   group: Rendition,
   tables: MotionTables | null,
