@@ -6,7 +6,6 @@ against the SHA-256 in the table.
 
 import hashlib
 import json
-import shutil
 import tarfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -130,8 +129,8 @@ def _download(model: Model, target: Path) -> None:
     from urllib.request import urlopen
 
     try:
-        with urlopen(model.url, timeout=_SECONDS) as answer, target.open("wb") as file:
-            shutil.copyfileobj(answer, file)
+        with urlopen(model.url, timeout=_SECONDS) as answer:
+            target.write_bytes(answer.read())  # in one piece: an incomplete answer is an error
     except (HTTPException, OSError) as error:
         problem = f"cannot download the model {model.name} ({error})"
         fix = f"Download {model.package} elsewhere, and pass its file with --package."

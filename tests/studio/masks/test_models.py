@@ -3,9 +3,11 @@
 import hashlib
 import io
 import json
+import socket
 import tarfile
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -49,6 +51,16 @@ def test_weights_are_unpacked_and_checked(model: Model, tmp_path: Path) -> None:
 def test_what_cannot_be_downloaded_is_reported(tmp_path: Path) -> None:
     with refuses("mask.model_download"):
         get_model(replace(MODELS[0], url="http://127.0.0.1:9/package"), tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def half() -> None:
+            with server.accept()[0] as client:
+                client.recv(4096)
+                client.sendall(b"HTTP/1.0 200 OK\r\nContent-Length: 8\r\n\r\nhalf")
+
+        Thread(target=half, daemon=True).start()
+        with refuses("mask.model_download"):
+            get_model(replace(MODELS[0], url=f"http://127.0.0.1:{server.getsockname()[1]}/"), tmp_path)
 
 
 def test_models_are_found_by_name() -> None:
