@@ -78,13 +78,8 @@ def model_parameters(camera: Camera, model: str) -> list[float]:
     return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
+_Lens = tuple[str, int, int, list[float]]  # model, width, height, parameters
 _Pose = tuple[str, int, list[float]]  # name of an image, id of its camera, quaternion and translation
-
-
-def _lens(key: int, model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
-    """A camera of the file, at the identity pose; its id is its name."""
-    K, distortion = intrinsics(model, parameters)
-    return Camera(str(key), width, height, K, np.eye(4), distortion)
 
 
 def read_colmap(folder: Path) -> Rig:
@@ -133,7 +128,7 @@ def _read_one(folder: Path) -> Rig | None:
     return rig
 
 
-def _rig(camera_path: Path, by_id: dict[int, Camera], poses: list[_Pose]) -> Rig:
+def _rig(camera_path: Path, by_id: dict[int, _Lens], poses: list[_Pose]) -> Rig:
     if not poses:
         fix = "Run the reconstruction again."
         raise StudioError("camera_file.no_cameras", "the model has no registered images", fix=fix)
@@ -144,13 +139,16 @@ def _rig(camera_path: Path, by_id: dict[int, Camera], poses: list[_Pose]) -> Rig
             problem = f"image '{image}' uses camera {key}, which is not in {camera_path.name}"
             fix = "Copy both files of the model again."
             raise StudioError("camera_file.unknown_camera", problem, value=key, fix=fix, camera=name)
+        model, width, height, parameters = by_id[key]
+        with naming(camera_path):
+            K, distortion = intrinsics(model, parameters)
         quat = np.array(numbers[:4])
         if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
             problem = f"image '{image}' has an invalid rotation quaternion {numbers[:4]}"
             fix = "Export the model again."
             raise StudioError("camera.rotation", problem, value=numbers[:4], fix=fix, camera=name)
         pose = np.column_stack([quats_to_matrices(quat), numbers[4:]])
-        result.append(replace(by_id[key], name=name, world_to_camera=pose))
+        result.append(Camera(name, width, height, K, pose, distortion))
     return Rig(tuple(result))
 
 
@@ -175,7 +173,7 @@ def _fields(number: int, line: str, kinds: str) -> list[float | int | str]:
     return values
 
 
-def _intrinsics_text(path: Path) -> dict[int, Camera]:
+def _intrinsics_text(path: Path) -> dict[int, _Lens]:
     found = {}
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -187,7 +185,7 @@ def _intrinsics_text(path: Path) -> dict[int, Camera]:
             problem = f"line {number} is another camera {key}"
             fix = "Export the model again."
             raise StudioError("camera_file.camera_twice", problem, value=int(key), fix=fix, line=number)
-        found[int(key)] = _lens(int(key), str(model), int(width), int(height), [float(p) for p in parameters])
+        found[int(key)] = str(model), int(width), int(height), [float(p) for p in parameters]
     return found
 
 
@@ -252,7 +250,7 @@ class _Reader:
         return self.data[start:end].decode("utf-8", "replace")
 
 
-def _intrinsics_binary(path: Path) -> dict[int, Camera]:
+def _intrinsics_binary(path: Path) -> dict[int, _Lens]:
     reader, found = _Reader(path), {}
     by_id = {model_id: (name, count) for name, (model_id, count) in MODELS.items()}
     for _ in range(int(reader.take("Q")[0])):
@@ -260,7 +258,7 @@ def _intrinsics_binary(path: Path) -> dict[int, Camera]:
         if model not in by_id:
             raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"))
         name, count = by_id[model]
-        found[key] = _lens(key, name, width, height, [float(p) for p in reader.take(f"{count}d")])
+        found[key] = name, width, height, [float(p) for p in reader.take(f"{count}d")]
     return found
 
 

@@ -63,8 +63,9 @@ def test_every_colmap_camera_model_distorts_as_colmap_does(tmp_path: Path, model
 
 
 def test_names_from_folders(tmp_path: Path) -> None:
-    """With one image per camera in a folder, the cameras are named after the folders."""
-    (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 50 50 32 24\n")
+    """With one image per camera in a folder, cameras are named after the folders. Others have no images."""
+    lenses = "1 PINHOLE 64 48 50 50 32 24\n2 OPENCV_FISHEYE 64 48 50 50 32 24 0 0 0 0\n3 PINHOLE 64 48 0 0 32 24\n"
+    (tmp_path / "cameras.txt").write_text(lenses)
     (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 left/0001.png\n\n2 1 0 0 0 1 0 0 1 right/0001.png\n\n")
     assert read_rig(tmp_path).names == ("left", "right")
 
