@@ -28,6 +28,12 @@ def chain_poses(intrinsics: Mapping[str, Camera], views: Mapping[tuple[int, str]
         if error < _WORST:
             poses[key] = pose
     kept = {key: views[key] for key in poses}
+    if not kept:
+        name = next(iter(intrinsics))
+        count = sum(camera == name for _, camera in views)
+        problem = f"camera '{name}': no intrinsics fit its {count} images of the target"
+        fix = "Check that calibrate.board describes the target, and film it again."
+        raise StudioError("target.no_fit", problem, value=count, fix=fix, camera=name, setting="calibrate.board")
     seen = {name: {sync_frame for sync_frame, camera in poses if camera == name} for name in intrinsics}
     links = {pair: sorted(both) for pair in combinations(seen, 2) if (both := seen[pair[0]] & seen[pair[1]])}
     registered = {next(iter(intrinsics)): np.eye(4)}

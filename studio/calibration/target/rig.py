@@ -92,12 +92,6 @@ def calibrate_intrinsics(
     for name, seen in views.items():
         start, principal_point = _start(name, sizes[name], seen, settings)
         state = chain_poses({name: start}, {(number, name): view for number, view in enumerate(seen)})
-        if not state.views:
-            problem = f"camera '{name}': no intrinsics fit its {len(seen)} images of the target"
-            fix = "Check that calibrate.board describes the target, and film it again."
-            raise StudioError(
-                "target.no_fit", problem, value=len(seen), fix=fix, camera=name, setting="calibrate.board"
-            )
         state = refine_without_outliers(state, settings.camera_model, principal_point=principal_point, threads=threads)
         cameras[name] = state.cameras[name]
         errors = np.concatenate(list(state.errors().values()))
@@ -127,8 +121,8 @@ def calibrate_from_target(
 
     Raises:
         StudioError: the target is symmetric (target.symmetric), a camera never sees it (target.not_seen) or never in
-            the same sync frame as another camera (target.not_connected), or no camera sees it in the origin frame
-            (target.origin).
+            the same sync frame as another camera (target.not_connected), no observation fits the target
+            (target.no_fit), or no camera sees it in the origin frame (target.origin).
     """
     settings = settings or CalibrateSettings()
     if target.is_symmetric:

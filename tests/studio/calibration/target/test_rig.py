@@ -21,6 +21,7 @@ from studio.calibration import (
 )
 from studio.calibration.report import CalibrationReport
 from studio.calibration.target.pdf import dark
+from studio.calibration.target.pose_graph import chain_poses
 from studio.cameras import Camera, Rig
 from studio.errors import Cancelled
 from tests.support.errors import refuses
@@ -212,6 +213,11 @@ def test_known_intrinsics_are_kept_and_chains_reach_all_cameras() -> None:
     apart = {key: view for key, view in views.items() if key[1] != "cam1"}
     with refuses("target.not_connected", camera="cam2", cameras=["cam2"]):
         calibrate_from_target(CHARUCO, apart, {"cam0": SIZE, "cam2": SIZE})
+    noise = np.random.default_rng(0).normal(0, 60, CHARUCO.corners[:, :2].shape)
+    own = {key: view for key, view in views.items() if key[1] == "cam0"}
+    wrong = {key: replace(view, pixels=view.pixels + noise[view.ids]) for key, view in own.items()}
+    with refuses("target.no_fit", value=len(wrong), camera="cam0"):
+        chain_poses({"cam0": rig["cam0"]}, wrong)
 
 
 def test_intrinsics_alone_agree_with_opencv() -> None:
