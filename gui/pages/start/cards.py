@@ -74,7 +74,7 @@ def date_words(when: float | None) -> str:
 
 
 def describe(place: str, sizes: Sizes | None = None) -> Card:
-    """Read what a card shows. Of a URL nothing is fetched. `sizes`: as known; not measured again while it runs."""
+    """Read what a card shows. Of a URL nothing is fetched. `sizes`: measured lately; None to measure."""
     if is_address(place):
         return Card(place, "web", "stream on the web")
     path = Path(place)
@@ -94,7 +94,7 @@ def describe(place: str, sizes: Sizes | None = None) -> Card:
 def _take(take: Take, sizes: Sizes | None) -> Card:
     changed = _newest([take.config, take.log, take.stream / "manifest.json", take.evaluation, take.private / "stages"])
     running = take.running() is not None
-    if not running or sizes is None:
+    if not running or sizes is None or sizes[1] is None:
         stream = folder_bytes(take.stream) if take.has_stream else None
         sizes = (stream, folder_bytes(take.root))
     quality = None

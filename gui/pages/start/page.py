@@ -16,6 +16,9 @@ from studio.stream import is_address
 
 LOOK_EVERY = 2.0  # seconds between two looks at a card's files
 
+MEASURE_EVERY = 60.0
+"""Seconds between two measurements of the size of a take that is running: all its files are looked at."""
+
 
 @dataclass(frozen=True)
 class _Request:
@@ -49,6 +52,7 @@ class StartPage:
         self.focus, self.back = "new", ""
         self._stamps: dict[str, object] = {}
         self._looked: dict[str, float] = {}
+        self._measured: dict[str, float] = {}
         self._pictured: dict[str, object] = {}
         self._worker: LatestWorker[_Request, _Facts] | None = None
         self._asked: _Request | None = None
@@ -57,7 +61,7 @@ class StartPage:
         """Read the cards and images that are missing or may have changed, the newest first, one by one on a thread."""
         if tuple(places) != self.places:
             self.places = tuple(places)
-            for known in (self.cards, self.pictures, self._stamps, self._looked, self._pictured):
+            for known in (self.cards, self.pictures, self._stamps, self._looked, self._measured, self._pictured):
                 for gone in set(known) - set(places):
                     del known[gone]
             self.changed.emit()
@@ -88,7 +92,7 @@ class StartPage:
         now = self._now()
         for place in self.places:
             if place not in self.cards:
-                self._looked[place] = now
+                self._looked[place] = self._measured[place] = now
                 return _Request(place)
         for place in self.places:
             card = self.cards[place]
@@ -99,6 +103,9 @@ class StartPage:
         for place in self.places:
             if now >= self._looked.get(place, now) + LOOK_EVERY:
                 self._looked[place] = now
+                if now >= self._measured.get(place, now) + MEASURE_EVERY:
+                    self._measured[place] = now
+                    return _Request(place, self._stamps.get(place))
                 card = self.cards[place]
                 return _Request(place, self._stamps.get(place), sizes=(card.stream_bytes, card.total_bytes))
         return None
