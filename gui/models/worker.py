@@ -91,6 +91,7 @@ class LatestWorker(Generic[Request, Result]):
                 self._finished = Done(request, result, failure)
                 self._busy = False
                 self._condition.notify_all()
+            del request, result, failure  # what they hold, such as footage, is not kept until the next request
             if self._done is not None:
                 LOOP.post(self._deliver)
 

@@ -2,11 +2,12 @@
 
 from gui.models.stages import Inputs, Part, Trial, longest_part, measure
 from gui.models.take.workspace import Workspace
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from pipelines.takes.frame_numbers import FrameNumbers
-from studio.errors import StudioError
 
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
+
+_Request = tuple[object, Inputs, Part]  # what is tried
 
 
 class QpTrial:
@@ -18,7 +19,7 @@ class QpTrial:
         self.fps = 30.0
         self.changes = 0
         self._of: object = None
-        self._worker: LatestWorker[tuple[object, Inputs, Part], None] = LatestWorker(self._run, "v3studio trial")
+        self._worker: LatestWorker[_Request, None] = LatestWorker(self._run, "v3studio trial", self._ended)
 
     @property
     def running(self) -> bool:
@@ -51,18 +52,20 @@ class QpTrial:
         self._of = None
         self._worker.close(0.0)
 
-    def _run(self, request: tuple[object, Inputs, Part]) -> None:
+    def _run(self, request: _Request) -> None:
         (of, context, part), results = request, self.results
-        try:
-            qps = sorted({*TRIED_QPS, context.config.bake.qp})
-            # the extremes and the current one first: a curve is there early
-            qps.sort(key=lambda qp: (qp != context.config.bake.qp, qp not in (TRIED_QPS[0], TRIED_QPS[-1]), qp))
-            for qp in qps:
-                if of is not self._of:
-                    return
-                settings = context.config.bake.replace(quality=qp, ladder=())
-                results[qp] = measure(context, part, settings)
-                self.changes += 1
-        except StudioError as error:
-            self.words = str(error)
+        qps = sorted({*TRIED_QPS, context.config.bake.qp})
+        # the extremes and the current one first: a curve is there early
+        qps.sort(key=lambda qp: (qp != context.config.bake.qp, qp not in (TRIED_QPS[0], TRIED_QPS[-1]), qp))
+        for qp in qps:
+            if of is not self._of:
+                return
+            settings = context.config.bake.replace(quality=qp, ladder=())
+            results[qp] = measure(context, part, settings)
+            self.changes += 1
+
+    def _ended(self, done: Done[_Request, None]) -> None:
+        """Also taken so that the frames that were tried are not kept."""
+        if done.error is not None and done.request[0] is self._of:
+            self.words = str(done.error)
         self.changes += 1

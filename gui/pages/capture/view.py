@@ -15,7 +15,7 @@ from gui.models.stages import Inputs
 from gui.models.take.inspector import Block
 from gui.models.take.page_words import in_page_words
 from gui.models.take.workspace import Workspace, modified
-from gui.models.worker import LatestWorker
+from gui.models.worker import Done, LatestWorker
 from gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
 from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from studio.camera_files import read_rig
@@ -263,7 +263,7 @@ class FootageCheck:
         self.words = ""
         self.problems: Sequence[str] = ()
         self._closed = False
-        self._worker: LatestWorker[Inputs, None] = LatestWorker(self._run, "v3studio check")
+        self._worker: LatestWorker[Inputs, None] = LatestWorker(self._run, "v3studio check", self._ended)
 
     def start(self, context: Inputs) -> None:
         """Start, unless it is running."""
@@ -276,19 +276,20 @@ class FootageCheck:
         self._closed = True
         return self._worker.close()
 
+    def _ended(self, done: Done[Inputs, None]) -> None:
+        """Also taken so that the footage that was checked is not kept."""
+        if done.error is not None:
+            self.words, self.problems = "check failed", (str(done.error),)
+
     def _run(self, context: Inputs) -> None:
         def progress(done: int, total: int, **figures: object) -> None:
             if self._closed:
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
 
-        try:
-            footage = _footage(context, None)
-            drift = ColorDrift()
-            problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]
-        except StudioError as error:
-            self.words, self.problems = "check failed", (str(error),)
-        else:
-            self.problems = [str(problem) for problem in problems]
-            words = "all images checked, no problems found"
-            self.words = f"{counted(len(problems), 'problem')} found" if problems else words
+        footage = _footage(context, None)
+        drift = ColorDrift()
+        problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]
+        self.problems = [str(problem) for problem in problems]
+        words = "all images checked, no problems found"
+        self.words = f"{counted(len(problems), 'problem')} found" if problems else words

@@ -1,5 +1,6 @@
 import shutil
 import threading
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -129,4 +130,16 @@ def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     done = worker.take()
     assert isinstance(done.error, ValueError)
     assert worker.take() is None
+    assert worker.close()
+
+
+def test_a_worker_does_not_keep_what_is_done() -> None:
+    worker: LatestWorker[np.ndarray, int] = LatestWorker(len, "test")
+    request = np.zeros(1)
+    kept = weakref.ref(request)
+    worker.ask(request)
+    del request
+    wait_until("idle", lambda: worker.idle)
+    worker.take()
+    wait_until("let go", lambda: kept() is None)
     assert worker.close()
