@@ -354,9 +354,12 @@ class StageViews:
 
     def leave_camera(self) -> bool:
         """Show all cameras in Capture again; whether one was shown alone. A polygon being drawn is let go first."""
-        if self.stage != "capture" or self.capture.garbage.leave():
-            return self.stage == "capture"
-        alone, self.capture.camera = self.capture.camera != "", ""
+        if self.stage != "capture":
+            return False
+        if self.capture.garbage.leave():
+            return True
+        alone = self.capture.camera != ""
+        self.capture.camera = ""
         return alone
 
     def grabs(self, x: float, y: float) -> bool:

@@ -126,8 +126,8 @@ def pair(view: FootageView, colors: CameraColors) -> tuple[np.ndarray, np.ndarra
     found = uncorrected(seen, torch.tensor(colors.cameras[name])).clamp(0, 1)
     corrected = (255 * found).round().byte().numpy()
     scale = min(1.0, TALLEST / height)
+    small = (max(round(scale * width), 1), max(round(scale * height), 1))
     filmed, corrected = (
-        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for image in (view.image[inside], corrected)
+        cv2.resize(image, small, interpolation=cv2.INTER_AREA) for image in (view.image[inside], corrected)
     )
     return filmed, corrected
