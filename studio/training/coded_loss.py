@@ -42,7 +42,8 @@ def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
     near, far = (size - 0.5) / sigma, (size + 0.5) / sigma
     holds_mean = near < 0
     log_near, log_far = -0.5 * near * near, -0.5 * far * far
-    tail_near, tail_far = (torch.special.erfcx(end * math.sqrt(0.5)) for end in (near.abs(), far))
+    above = torch.where(holds_mean, -near, near)  # abs() has no gradient at 0
+    tail_near, tail_far = (torch.special.erfcx(end * math.sqrt(0.5)) for end in (above, far))
     scaled = torch.where(
         holds_mean,
         1 - 0.5 * (log_near.exp() * tail_near + log_far.exp() * tail_far),

@@ -93,7 +93,9 @@ def test_bits_equal_scipy(mu: float, sigma: float) -> None:
 
 def test_bits_gradient_equals_finite_differences() -> None:
     torch.manual_seed(0)
-    residual = (torch.randn(30, 3) * 4).double().requires_grad_()
+    residual = (torch.randn(30, 3) * 4).double()
+    residual[0, 2] = 0.5  # an end of its interval is at mu
+    residual.requires_grad_()
     mu = torch.tensor([0.3, -1.0, 0.0]).double().requires_grad_()
     sigma = torch.tensor([0.4, 1.0, 5.0]).double().requires_grad_()
     assert torch.autograd.gradcheck(bits_of_residual, (residual, mu, sigma), eps=1e-6, atol=1e-5)
