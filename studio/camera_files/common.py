@@ -159,13 +159,15 @@ def check_expressible(camera: Camera, form: str, terms: int) -> None:
     """StudioError (camera_file.not_expressible) if a camera has skew, or distortion beyond OpenCV's first `terms`."""
     skew, count = float(camera.K[0, 1]), camera.distortion.size
     if abs(skew) > 1e-9:
-        value, problem = skew, f"{form} cannot express skew ({skew:g})"
+        value, problem, way = skew, f"{form} cannot express skew ({skew:g})", "Calibrate without skew"
     elif np.any(camera.distortion[terms:]):
-        value, problem = count, f"{form} has {terms} terms of OpenCV's lens distortion, but this camera has {count}"
+        value, way = count, "Undistort the images first"
+        problem = f"{form} can express {terms or 'no'} terms of OpenCV's lens distortion, but this camera has {count}"
     else:
         return
-    fix = "Undistort the images and leave out skew, or write rig.json."
-    raise camera_error("camera_file.not_expressible", camera.name, problem, value=value, fix=fix)
+    raise camera_error(
+        "camera_file.not_expressible", camera.name, problem, value=value, fix=f"{way}, or write rig.json."
+    )
 
 
 def fisheye(camera: str) -> StudioError:
