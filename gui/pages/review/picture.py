@@ -58,9 +58,12 @@ def draw_lines(
     parts = [found, *(line_fragments(view, lines) for lines in over)]
     colors = np.tile(np.array(FAIR, np.uint8), (len(dots), 1))
     parts.append(point_fragments(view, dots.astype(np.float64), colors, 2 if len(dots) < MANY else 1))
-    image = canvas.pixels.reshape(-1, 3).astype(np.float32) / 255
-    blend(image, np.concatenate(parts))
-    canvas.pixels[:] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(canvas.pixels.shape)
+    drawn = np.concatenate(parts)
+    covered, drawn["pixel"] = np.unique(drawn["pixel"], return_inverse=True)
+    rows, columns = np.divmod(covered, canvas.width)
+    image = canvas.pixels[rows, columns].astype(np.float32) / 255
+    blend(image, drawn)
+    canvas.pixels[rows, columns] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def _seen(view: Camera, *points: Sequence[float] | np.ndarray) -> list[list[float]]:
