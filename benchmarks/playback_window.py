@@ -102,7 +102,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
         last = now
         if player.picture is not shown and player.picture is not None:
             shown = player.picture
-            frames.append(shown.frame)
+            frames.append(shown.request.frame)
             draws.append(shown.draw_seconds)
     elapsed, cpu = time.monotonic() - start, time.process_time() - cpu
     count = source.frame_count
