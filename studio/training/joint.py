@@ -88,11 +88,12 @@ def train_jointly(
     kept = splats_needed(frames, views)
     frames = [frame[kept] for frame in frames]
     parts, extent = parts_of(len(frames)), scene_extent(torch.stack(performer_box(frames[0].means)))
+    dilation = frames[0].dilation
 
     def gaussians(leaves: Leaves, frame: int) -> Gaussians:
         own, part = (leaves[f"means.{frame}"], leaves[f"quats.{frame}"]), f".{parts[frame]}"
         shared = leaves[f"log_scales{part}"], leaves[f"logit_opacities{part}"], joined_sh(leaves, part)
-        return Gaussians(*own, *shared, frames[0].dilation)
+        return Gaussians(*own, *shared, dilation)
 
     def loss(photometric: Tensor, splats: Gaussians, leaves: Leaves, frame: int) -> Tensor:
         around = leaves.get(f"means.{frame - 1}"), leaves.get(f"means.{frame + 1}")
@@ -106,6 +107,7 @@ def train_jointly(
     for one, stepper in zip(frames, steppers, strict=True):
         Refinement(stepper, settings, keyframe_off or 0.0).begin(one.detach())
     start, steps = _start(frames, parts, settings.rates, extent), joint_steps(settings, len(frames))
+    del frames  # copies, which would stay in memory
     leaves = train_group(steppers, start, gaussians, loss, steps, "joint", progress, checkpoint, resume)
     found: list[Gaussians] = []
     for part in sorted(set(parts)):
