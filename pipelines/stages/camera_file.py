@@ -98,10 +98,10 @@ def files_of(path: Path) -> list[Path]:
 
 def _in(root: Path) -> list[Path]:
     """The calibrations of a capture's folder."""
-    found: list[Path] = []
-    for folder in (root / name for name in _FOLDERS):
-        found += find_camera_files(folder) if folder.is_dir() else []
-    return found or [root / name for name in _ONE_PER_CAMERA if _is_of_cameras(files_of(root / name))][:1]
+    folders = [root / name for name in _FOLDERS]
+    found = [path for folder in folders if folder.is_dir() for path in find_camera_files(folder)]
+    exact = [path for path in found if path in folders or path.parent in folders]  # not those of VideoGS's frames
+    return exact or found[:1] or [root / name for name in _ONE_PER_CAMERA if _is_of_cameras(files_of(root / name))][:1]
 
 
 def _is_of_cameras(files: list[Path]) -> bool:

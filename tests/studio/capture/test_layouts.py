@@ -209,6 +209,13 @@ def test_a_file_of_one_camera_names_the_pattern(tmp_path: Path, make: SimpleName
         read_rig(tmp_path / "{camera}/config.xml")
 
 
+def test_cameras_of_the_capture_come_before_those_of_videogs_frames(tmp_path: Path) -> None:
+    touch(tmp_path, "10/transforms.json", "2/transforms.json")
+    assert camera_file(CaptureSettings(root=tmp_path)) == tmp_path / "2" / "transforms.json"
+    touch(tmp_path, "calibration/cameras.txt")
+    assert camera_file(CaptureSettings(root=tmp_path)) == tmp_path / "calibration"
+
+
 def test_pickles_run_no_code(tmp_path: Path) -> None:
     class Evil:
         def __reduce__(self) -> tuple[object, tuple[str]]:
