@@ -134,7 +134,7 @@ class UserInput:
         self._menu_bar.height = window.window.content_rect.y
         if window.dialogs.name:
             self._menu_bar.closed()
-            return kind != "press" or not self._actions.search.dialog.press(button, x, y)
+            return True
         if kind == "press" and button == 1:
             settings = window.stages.settings[window.stages.selected]
             window.hints.press(x, y, (*window.controls.lists, *settings.lists))

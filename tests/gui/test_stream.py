@@ -96,8 +96,6 @@ def test_a_stream_is_played_shared_and_served(open_window: Callable[..., Running
     window.ticks(30)
     assert window.states()[-1]["dialog"] == "commands", "a stream has no report: the list stays and says so"
     window.key("Escape", until=("no dialog", lambda s: not s["dialog"]))
-    window.chord("k", until=LIST)
-    window.press(*window.point("viewport", 0.02, 0.9), until=("a click outside", lambda s: not s["dialog"]))
 
     # by a click on the last row that is in view at first
     figures = window.states()[-1]["figures"]

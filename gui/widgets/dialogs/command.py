@@ -15,9 +15,6 @@ WIDTH = 42  # width of the list, em
 
 KEYS = "Up and Down select, Enter runs, Escape closes."
 
-ABOVE, AROUND = 2.8, 1.0
-"""From the field to the top of the dialog, and from what is in the dialog to its other edges, em."""
-
 _CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}  # rows by the X key code
 
 
@@ -76,20 +73,6 @@ class CommandDialog:
         if self._dialogs.name != NAME:
             self._picture = None
         return self.update()
-
-    def press(self, button: int, x: int, y: int) -> bool:
-        """A mouse button is pressed at a position in the window, pixels, while a dialog is open; returns whether that
-        closed this one: a click outside of it does."""
-        if self._dialogs.name != NAME or button not in (1, 2, 3) or self._dialogs.focusing:
-            return False
-        frames = [widget.frame for widget in self._dialogs.widgets.values()]
-        em, top = self._dialogs.em, min(frame.y for frame in frames)
-        left, right = min(frame.x for frame in frames), max(frame.x + frame.width for frame in frames)
-        bottom = max(frame.y + frame.height for frame in frames)
-        inside = left - AROUND * em <= x < right + AROUND * em and top - ABOVE * em <= y < bottom + AROUND * em
-        if not inside:
-            self._dialogs.close()
-        return not inside
 
     def _key(self, event: gui.KeyEvent) -> bool:
         """The field keeps the presses of keys for itself, so a release counts whose press was not reported."""
