@@ -6,13 +6,14 @@ import contextlib
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 
 from pipelines.takes.atomic_files import Result, digest_of, digests_of_files, read_model, write_model
 from pipelines.takes.take import Take
 from studio.errors import Message, StudioError
+from studio.json_types import JsonObject
 
 Record = TypeVar("Record", bound=Result)
 
@@ -82,7 +83,7 @@ def note_rewritten(take: Take, stage: str) -> None:
         write_model(take.record(stage), record.model_copy(update=found))
 
 
-def on_disk(root: Path, files: Iterable[Path]) -> dict[str, Any]:
+def on_disk(root: Path, files: Iterable[Path]) -> JsonObject:
     """The fields of a record about the files that a stage wrote: result, files, digests, written."""
     digests = digests_of_files(root, files)
     stats = {name: (root / name).stat() for name in digests}

@@ -14,6 +14,7 @@ from pipelines.stages.evaluate import loaded_lpips
 from pipelines.stages.inputs import Inputs
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.take import Take
+from studio.errors import Message
 from studio.perceptual import SMALLEST
 from tests.support.errors import refuses
 from tests.support.tiny_capture import run_take, settings_in
@@ -23,7 +24,7 @@ class StandIn:
     """The mean difference."""
 
     made: ClassVar[list[tuple[str, str]]] = []
-    remark = "These are weights of another kind."
+    remark = Message("lpips.other_weights", "These are weights of another kind.")
     protocol = "a stand-in"
 
     def __init__(self, net: str, device: str) -> None:
@@ -62,7 +63,7 @@ def test_it_is_measured_as_psnr_is_and_stands_everywhere(
     events = run_take(copied, "evaluate.lpips=vgg")
     assert [event.stage for event in events if isinstance(event, StageStarted)] == ["evaluate"]
     assert StandIn.made == [("vgg", "cpu")], "loaded once, before anything runs"
-    assert [event.message for event in events if isinstance(event, Warned)] == [StandIn.remark]
+    assert [event.message for event in events if isinstance(event, Warned)] == [StandIn.remark.problem]
     after = json.loads(take.evaluation.read_text())
     assert after["protocol"] == {**before["protocol"], "lpips": "a stand-in"}
     for row, plain in zip(after["frames"], before["frames"], strict=True):
