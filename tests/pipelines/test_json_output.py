@@ -189,7 +189,8 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("name", FAILURES)
-def test_a_command_that_fails_ends_with_its_result(name: str, here: Callable) -> None:
+def test_a_command_that_fails_ends_with_its_result(name, here, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where a lock of the queue is left
     words, code, error = FAILURES[name]
     (line,) = here(*words).fails(code=code).stdout.splitlines()
     event, _ = read_line(line)
