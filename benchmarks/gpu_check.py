@@ -196,7 +196,7 @@ class Check:
                 raise RuntimeError("time is up, and the keyframe is not finished")
             joint = {"seconds": read_model(take.train_group(0) / "group.json", TrainedGroup).joint_seconds}
             joint |= used(utilization)
-            footage, (group,) = Inputs(take, config).footage.trained, Inputs(take, config).groups
+            footage, (group,) = Inputs(take, config).trained_footage, Inputs(take, config).groups
             before, after = [], []
             for frame, part in finished.items():
                 path = take.separate_frame(0, frame) if joint["seconds"] else take.trained_frame(0, frame)

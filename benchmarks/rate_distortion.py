@@ -74,14 +74,14 @@ class Views:
     """The views of the evaluation of some frames: footage, and renders of the trained splats."""
 
     def __init__(self, inputs: Inputs) -> None:
-        self.inputs, self.cameras = inputs, compared_cameras(inputs.footage.trained)
+        self.inputs, self.cameras = inputs, compared_cameras(inputs.trained_footage)
         self.trained: list[tuple[int, ComparedView, np.ndarray, float]] = []
         """Index of the frame in the take, view, (h, w, 3) what it shows of the trained splats, and its error."""
 
     def add(self, index: int, gaussians: Gaussians) -> None:
         """Add frame `index` of the take."""
         for camera in self.cameras:
-            view = compared_view(self.inputs, camera, self.inputs.footage.trained.frames[index])
+            view = compared_view(self.inputs, camera, self.inputs.trained_footage.frames[index])
             if view is not None:
                 pair = view.pair(gaussians)
                 self.trained.append((index, view, pair.rendered, _error(pair.rendered, pair.footage)))
@@ -376,7 +376,7 @@ def main(words: Sequence[str] | None = None) -> int:
     views, groups = load_take(arguments.take, wanted)
     frames, firsts = sum(map(len, groups)), [next(iter(group.values())) for group in groups]
     trained = _psnr(np.mean([error for *_, error in views.trained]))
-    kind = "held-out" if views.inputs.footage.trained.held_out_cameras else "training"
+    kind = "held-out" if views.inputs.trained_footage.held_out_cameras else "training"
     about = (
         f"groups: {len(groups)}, frames: {frames}; "
         f"{min(map(len, firsts)):,} to {max(map(len, firsts)):,} splats, SH degree {firsts[0].sh_degree}; "

@@ -81,7 +81,7 @@ class Scene:
         inputs = Inputs(take, config)
         self.settings: TrainSettings = config.train
         group = inputs.groups[0]
-        footage = inputs.footage.trained
+        footage = inputs.trained_footage
         self.previous, self.now = (read_frame(take.trained_frame(0, group.first + i)) for i in (0, 1))
         self.views = [
             TrainingView.from_view(

@@ -22,7 +22,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.initialize import InitializeView
 from pipelines.config import load_config
-from pipelines.stages.footage import performer_over
+from pipelines.stages.compared_view import performer_over
 from pipelines.stages.inputs import Inputs
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.take import Take
@@ -83,7 +83,7 @@ def outline(take: Path) -> np.ndarray:
 
     from gui.drawing.palette import ACCENT
 
-    footage = context_of(take).footage.calibrated
+    footage = context_of(take).calibrated_footage
     image = footage.raw_image(CAMERA, FRAME).astype(np.float32)
     mask = footage.raw_mask(CAMERA, FRAME)[..., None] / np.float32(255)
     shown = (image * (0.35 + 0.65 * mask)).astype(np.uint8)
@@ -94,7 +94,7 @@ def outline(take: Path) -> np.ndarray:
 
 def performer_box(good: Path) -> tuple[slice, slice]:
     """Rows and columns around the performer in the camera's footage, of the images' shape."""
-    mask = context_of(good).footage.calibrated.raw_mask(CAMERA, FRAME)
+    mask = context_of(good).calibrated_footage.raw_mask(CAMERA, FRAME)
     rows, columns = np.flatnonzero((mask > 127).any(1)), np.flatnonzero((mask > 127).any(0))
     high = (rows[-1] - rows[0]) * 1.15
     high = max(high, (columns[-1] - columns[0]) * 1.1 * SIZE[1] / SIZE[0])
@@ -127,12 +127,12 @@ def render(take: Path, baked: bool, number: int) -> np.ndarray:
             gaussians = reader.gaussians(number)
     else:
         gaussians = read_frame(inputs.take.trained_files()[0][number])
-    return draw(gaussians, inputs.footage.calibrated.rig[CAMERA], (0.0, 0.0, 0.0))
+    return draw(gaussians, inputs.calibrated_footage.rig[CAMERA], (0.0, 0.0, 0.0))
 
 
 def difference_map(take: Path, number: int, good: Path) -> np.ndarray:
     """Heat map of a held-out camera's render against its footage of the frame, over black."""
-    footage = performer_over(context_of(good).footage.calibrated, CAMERA, FRAME, (0.0, 0.0, 0.0))
+    footage = performer_over(context_of(good).calibrated_footage, CAMERA, FRAME, (0.0, 0.0, 0.0))
     return heat(difference(render(take, True, number), footage))
 
 

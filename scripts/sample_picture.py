@@ -24,7 +24,7 @@ TITLES = ("held-out footage", "performer", "trained", "decoded stream", "differe
 
 def row(inputs: Inputs, camera: str, index: int) -> list[np.ndarray]:
     """The five images of one camera, cropped to the performer."""
-    view = compared_view(inputs, camera, inputs.footage.trained.frames[index])
+    view = compared_view(inputs, camera, inputs.trained_footage.frames[index])
     if view is None:
         raise SystemExit(f"{camera} does not see the performer in frame {index}; choose another with --frame.")
     trained = view.pair(read_frame(inputs.take.trained_files()[0][index]))
@@ -42,7 +42,7 @@ def main() -> None:
     options = parser.parse_args()
     take = Take.open(options.take)
     inputs = Inputs(take, load_config(take.config))
-    rows = [row(inputs, camera, options.frame) for camera in compared_cameras(inputs.footage.trained)]
+    rows = [row(inputs, camera, options.frame) for camera in compared_cameras(inputs.trained_footage)]
     figure = Figure(figsize=(9, 3 * len(rows)), layout="compressed", facecolor="black")
     for line, places in zip(rows, figure.subplots(len(rows), len(TITLES), squeeze=False), strict=True):
         for image, title, axes in zip(line, TITLES, places, strict=True):

@@ -117,7 +117,7 @@ class CameraActions:
         if context is None:
             return None
         with self._window.notices.reporting("cameras"):
-            return CameraUses.of(context.footage.capture)
+            return CameraUses.of(context.capture)
         return None
 
     def _use(self, camera: str, use: str) -> None:

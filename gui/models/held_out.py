@@ -15,7 +15,7 @@ def held_out_cameras(context: Inputs | None) -> tuple[str, ...]:
     if context is None:
         return ()
     try:
-        uses = CameraUses.of(context.footage.capture).uses
+        uses = CameraUses.of(context.capture).uses
         return tuple(name for name, use in uses.items() if use == "held out")
     except StudioError:  # the Capture view shows the error
         return context.config.capture.held_out

@@ -51,7 +51,7 @@ class Assessment:
 def assess(context: Inputs) -> Assessment:
     """Assess a take. Reads files: call on a worker thread."""
     try:
-        footage = context.footage.raw
+        footage = context.raw_footage
     except StudioError as error:
         return Assessment(status(context.take, context.config), footage_error=error.message)
     cameras, frames = len(footage.camera_names), len(footage.frames)
@@ -60,7 +60,7 @@ def assess(context: Inputs) -> Assessment:
     numbers = tuple(int(frame) for frame in footage.frames)
     stages = status(context.take, context.config)
     try:
-        file = camera_file(context.footage.capture)
+        file = camera_file(context.capture)
         name = file.name if file is not None else ""
     except StudioError:  # Calibrate reports it
         name = context.config.capture.rig or ""

@@ -135,7 +135,7 @@ class TrainView(StageView):
         if not take.rig.is_file():
             fix = "They appear here as Train and the stages before it run."
             raise StudioError("take.no_cameras", "no trained frames and no cameras yet", fix=fix)
-        footage = context.footage.trained
+        footage = context.trained_footage
         held_out = footage.measured_cameras
         run = self.workspace.run
         preview = max(run.previews.values(), key=lambda event: event.time, default=None)
@@ -163,7 +163,7 @@ class TrainView(StageView):
         context = self.workspace.context
         assert context is not None
         with suppress(StudioError):
-            return performer_over(context.footage.trained, camera, frame, context.config.evaluate.background)
+            return performer_over(context.trained_footage, camera, frame, context.config.evaluate.background)
         return None
 
     @property

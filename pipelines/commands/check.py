@@ -124,7 +124,7 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
 def _assumed(take: Take) -> list[str]:
     """How the take's footage and camera file are read, one sentence each."""
     from pipelines.config import load_config
-    from pipelines.stages.footage import TakeFootage
+    from pipelines.stages.inputs import Inputs
     from pipelines.takes.stage_files import CamerasFromFile, read_cameras_report
 
     lines: list[str] = []
@@ -132,8 +132,8 @@ def _assumed(take: Take) -> list[str]:
         report = read_cameras_report(take)
         if isinstance(report, CamerasFromFile):
             lines += [f"Cameras: {shown(report.file)}.", *report.notes]
-        footage = TakeFootage(take, load_config(take.config))
-        opened = footage.calibrated if take.rig.is_file() else footage.raw
+        inputs = Inputs(take, load_config(take.config))
+        opened = inputs.calibrated_footage if take.rig.is_file() else inputs.raw_footage
         lines += [*opened.description.splitlines(), *(f"Warning: {warning}" for warning in opened.warnings)]
     except StudioError as error:  # damage is reported above; footage may be elsewhere
         lines.append(f"Not known how the footage is read: {error}")

@@ -363,8 +363,8 @@ def _checked(before: EditList, name: str, value: object, file: Path | None) -> E
 def _frames(take: Take) -> tuple[int, ...]:
     """The take's frames, by their numbers in the footage; none if it cannot be opened here."""
     from pipelines.config import load_config
-    from pipelines.stages.footage import TakeFootage
+    from pipelines.stages.inputs import Inputs
 
     with suppress(StudioError):
-        return TakeFootage(take, load_config(take.config)).raw.frames
+        return Inputs(take, load_config(take.config)).raw_footage.frames
     return ()

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipelines.config import load_config
-from pipelines.stages.footage import TakeFootage
-from pipelines.takes.edits import read_edits
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from pipelines.takes.videos import capture_place, open_reader
 from studio.camera_files import read_rig
@@ -48,14 +47,14 @@ def open_takes(
     """
     from studio.capture import open_footage
 
-    first = _footage(footage)
+    first = _inputs(footage)
     names = _cameras(first, protocol, cameras)
     spec = first.capture.replace(cameras=names, held_out=(), scale=protocol.scale or first.capture.scale)
     run = first.config.run
     seen: dict[bytes, Footage] = {}
     found: list[OpenedTake] = []
     for folder, name in zip(folders, _names(folders), strict=True):
-        own = _footage(folder)
+        own = _inputs(folder)
         # takes with the same cameras share decoded images
         key = own.take.rig.read_bytes() if own.take.rig.is_file() else b""
         if key not in seen:
@@ -72,19 +71,19 @@ def open_takes(
     return found, names
 
 
-def _footage(folder: Path) -> TakeFootage:
+def _inputs(folder: Path) -> Inputs:
     take = Take.open(folder)
-    return TakeFootage(take, load_config(take.config))
+    return Inputs(take, load_config(take.config))
 
 
-def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -> OpenedTake:
+def _opened(name: str, own: Inputs, footage: Footage, closing: ExitStack) -> OpenedTake:
     take = own.take
     reader = closing.enter_context(open_reader(str(take.root)))
-    frames = own.raw.frames
+    frames = own.raw_footage.frames
     place = capture_place(reader)
     first, count = place.first_frame, reader.frame_count
     # a trimmed stream has fewer frames than its take
-    if first + count > len(frames) or (count != len(frames) and read_edits(take.edits).trim is None):
+    if first + count > len(frames) or (count != len(frames) and own.edits.trim is None):
         problem = f"the stream has {reader.frame_count} frames, but the take has {len(frames)}"
         fix = "Run `v3studio bake`."
         raise StudioError(
@@ -92,18 +91,18 @@ def _opened(name: str, own: TakeFootage, footage: Footage, closing: ExitStack) -
         )
     starts = frozenset(frames[first + group.first_frame] for group in reader.groups)
     indices = {frame: index for index, frame in enumerate(frames[first : first + count])}
-    return OpenedTake(name, take, reader, place, footage, indices, own.raw.train_cameras, starts)
+    return OpenedTake(name, take, reader, place, footage, indices, own.raw_footage.train_cameras, starts)
 
 
-def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequence[str]) -> tuple[str, ...]:
-    known = footage.calibrated.camera_names
+def _cameras(inputs: Inputs, protocol: EvaluationProtocol, cameras: Sequence[str]) -> tuple[str, ...]:
+    known = inputs.calibrated_footage.camera_names
     wanted = tuple(cameras) or protocol.cameras
     if not wanted:
-        if not footage.calibrated.measured_cameras:
+        if not inputs.calibrated_footage.measured_cameras:
             problem = "no camera with masks is held out, so nothing measures new views"
             fix = "Name the cameras to measure with --cameras A,B."
-            raise StudioError("compare.no_held_out", problem, file=footage.take.root, fix=fix, option="--cameras")
-        return footage.calibrated.measured_cameras
+            raise StudioError("compare.no_held_out", problem, file=inputs.take.root, fix=fix, option="--cameras")
+        return inputs.calibrated_footage.measured_cameras
     names = []
     for one in wanted:
         name = find_camera(one, known)
@@ -112,7 +111,7 @@ def _cameras(footage: TakeFootage, protocol: EvaluationProtocol, cameras: Sequen
             problem = f"the footage has no camera '{one}'{asked}"
             fix = f"Name others with --cameras A,B. Cameras: {', '.join(known)}."
             raise StudioError(
-                "compare.no_such_camera", problem, file=footage.take.root, value=one, fix=fix, option="--cameras"
+                "compare.no_such_camera", problem, file=inputs.take.root, value=one, fix=fix, option="--cameras"
             )
         names.append(name)
     return tuple(dict.fromkeys(names))

@@ -122,7 +122,7 @@ def rehearse(inputs: Inputs, work: Work, progress: ProgressFn = no_progress) -> 
 
 def _read(inputs: Inputs) -> tuple[list[FootageView], list[TrainingView], dict[str, float]]:
     """Views of the first keyframe; those that show the performer as training views; and seconds, as in `Measured`."""
-    footage, settings = inputs.footage.calibrated, inputs.config.train
+    footage, settings = inputs.calibrated_footage, inputs.config.train
     every = max(1, len(footage.train_cameras) // _CAMERAS)
     names = footage.train_cameras[::every][:_CAMERAS]
     frames = inputs.groups[0].frames[:2]

@@ -30,7 +30,7 @@ class Work:
     @classmethod
     def of(cls, inputs: Inputs) -> Work:
         """The work of a take whose cameras are known."""
-        footage, config = inputs.footage.calibrated, inputs.config
+        footage, config = inputs.calibrated_footage, inputs.config
         sizes = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
         return cls(
             train_cameras=len(footage.train_cameras),

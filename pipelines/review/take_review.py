@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
-from pipelines.stages.compared_view import compared_cameras
-from pipelines.stages.footage import TakeFootage, performer_over
+from pipelines.stages.compared_view import compared_cameras, performer_over
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
 from pipelines.takes.frame_numbers import trained_numbers
 from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
@@ -123,10 +123,10 @@ class TakeReview:
             return reader.frame_count, capture_place(reader)
 
     @cached_property
-    def _settings(self) -> TakeFootage:
+    def _settings(self) -> Inputs:
         from pipelines.config import load_config
 
-        return TakeFootage(self.take, load_config(self.take.config))
+        return Inputs(self.take, load_config(self.take.config))
 
     @property
     def _background(self) -> tuple[float, float, float]:
@@ -143,7 +143,7 @@ class TakeReview:
     @cached_property
     def _footage(self) -> Footage | None:
         try:
-            return self._settings.trained
+            return self._settings.trained_footage
         except StudioError as error:
             print(f"warning: {error} The review continues without the footage.", file=sys.stderr, flush=True)
             return None

@@ -127,7 +127,7 @@ class _Run:
         take, settings = inputs.take, inputs.config.run
         save_config(take.config, inputs.config)
         # report unreadable footage and edits before anything else
-        _ = inputs.footage.raw, inputs.footage.digest, inputs.edits
+        _ = inputs.raw_footage, inputs.footage_digest, inputs.edits
         found = assess_all(STAGES, inputs)
         self.verified.update(name for name, one in found.items() if one.state == DONE)
         todo = [stage for stage in STAGES if stage.name in names and (self.force or found[stage.name].state != DONE)]

@@ -28,11 +28,11 @@ STAGE = stage_named("bake")
 
 def params(inputs: Inputs) -> Params:
     """Encoding settings, and the contents of the manifest."""
-    sound = inputs.footage.raw.sound
+    sound = inputs.raw_footage.sound
     return {
         **(finetuning_params(inputs) if finetuned_rungs(inputs.config) else {}),
         **settings_affecting(inputs.config, "videos", "manifest", "sound"),
-        "frames a second": float(inputs.footage.raw.fps),
+        "frames a second": float(inputs.raw_footage.fps),
         "version of the stream": VERSION,
         **({} if sound is None else {"sound": digest_files(sound.path.parent, [sound.path])}),
         **edit_params(inputs.edits),
@@ -69,7 +69,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         notes.append(note)
         entry = GroupEntry.from_dict(note.entry)
         best.append(entry.best)
-        for message in beyond_hardware(entry, float(inputs.footage.raw.fps), settings.codec):
+        for message in beyond_hardware(entry, float(inputs.raw_footage.fps), settings.codec):
             reporter.warn(message)
         figures = {"splats": entry.best.splats, "bytes": entry.best.bytes, "frames": entry.frame_count}
         reporter.metrics(figures, group=part.index)

@@ -66,14 +66,14 @@ def params(inputs: Inputs) -> Params:
     if config.calibrate.tie_points:
         return {
             "tie points": _digest(_tie_file(inputs)),
-            "sizes": {name: list(inputs.footage.raw.raw_size(name)) for name in inputs.footage.raw.camera_names},
+            "sizes": {name: list(inputs.raw_footage.raw_size(name)) for name in inputs.raw_footage.camera_names},
             **settings_affecting(config, "cameras_from_points"),
             **_intrinsics_files(inputs),
         }
     masked = config.calibrate.look_at != "everything"
     return {
-        "footage": inputs.footage.digest,
-        "frames": frames_to_try(config.calibrate, inputs.footage.raw.frames),
+        "footage": inputs.footage_digest,
+        "frames": frames_to_try(config.calibrate, inputs.raw_footage.frames),
         **settings_affecting(config, "cameras_from_images", *(("calibration_masks",) if masked else ())),
         **_intrinsics_files(inputs),
     }
@@ -86,7 +86,7 @@ def _uncalibrated(inputs: Inputs) -> list[str]:
         known = read_rig(inputs.take.rig).names
     except StudioError:  # not there yet, or damaged, which is found elsewhere
         return []
-    return [name for name in inputs.footage.raw.camera_names if name not in known]
+    return [name for name in inputs.raw_footage.camera_names if name not in known]
 
 
 def results(inputs: Inputs) -> list[Path]:
@@ -136,7 +136,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
     else:
         for note in report.notes:
             reporter.log(note)
-    inputs.footage.forget_cameras()
+    inputs.forget_cameras()
     reporter.progress(1.0, "done")
     return CalibrateSummary(cameras=len(rig), source=report.source or "", **figures)
 
@@ -144,7 +144,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
     from studio.capture import rig_of_footage
 
-    footage = inputs.footage.raw
+    footage = inputs.raw_footage
     rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names, footage.without_masks)
     check_sizes(rig, footage, path)
     framed = frame_sentence(own_frame(rig))
@@ -193,7 +193,7 @@ def _spread(frames: Sequence[int], count: int) -> list[int]:
 def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
     from studio.calibration import floor_world
 
-    footage, section = inputs.footage.raw, inputs.config.calibrate
+    footage, section = inputs.raw_footage, inputs.config.calibrate
     attempts = frames_to_try(section, footage.frames)
     names = footage.camera_names
     if section.frame_count is not None and section.frame_count > len(attempts[-1]):
@@ -224,7 +224,7 @@ def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Calibra
         lacking = "" if last else _lacking(result.report)
         if not lacking:
             checking = reporter.part("checking the cameras", solved, stop)
-            verdict = judge_by_images(inputs.footage.opened(result.rig), frames[0], progress=checking)
+            verdict = judge_by_images(inputs.opened(result.rig), frames[0], progress=checking)
             lacking = verdict.reason if verdict.grade == "wrong" else ""
         if last or not lacking:
             break
@@ -247,7 +247,7 @@ def _solved(
     """Structure from motion on some frames."""
     from studio.calibration import calibrate_from_images
 
-    footage, section = inputs.footage.raw, inputs.config.calibrate
+    footage, section = inputs.raw_footage, inputs.config.calibrate
     names = footage.camera_names
     masks = None
     if section.look_at != "everything":
@@ -281,7 +281,7 @@ def _lacking(report: CalibrationReport) -> str:
 def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
     from studio.calibration import calibrate_from_tie_points, read_tie_points
 
-    footage, section = inputs.footage.raw, inputs.config.calibrate
+    footage, section = inputs.raw_footage, inputs.config.calibrate
     names = footage.camera_names
     file = _tie_file(inputs)
     points = read_tie_points(file)
@@ -310,7 +310,7 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
 
 
 def _tie_file(inputs: Inputs) -> Path:
-    return named_file(inputs.config.calibrate, "tie_points", inputs.footage.capture.root)
+    return named_file(inputs.config.calibrate, "tie_points", inputs.capture.root)
 
 
 def given_cameras(inputs: Inputs) -> Path | None:
@@ -325,7 +325,7 @@ def given_cameras(inputs: Inputs) -> Path | None:
         problem = f"several camera sources are set: {' and '.join(names)}"
         fix = "Keep only one; capture.rig may be null."
         raise StudioError("settings.conflict", problem, fix=fix, setting=names[0], other=names[1])
-    return None if ways and ways != ["capture.rig"] else camera_file(inputs.footage.capture)
+    return None if ways and ways != ["capture.rig"] else camera_file(inputs.capture)
 
 
 def _intrinsics_files(inputs: Inputs) -> Params:
@@ -333,7 +333,7 @@ def _intrinsics_files(inputs: Inputs) -> Params:
     section = inputs.config.calibrate
     found: Params = {}
     if section.known_cameras:
-        found["known"] = _digest(named_file(section, "known_cameras", inputs.footage.capture.root))
+        found["known"] = _digest(named_file(section, "known_cameras", inputs.capture.root))
     if section.intrinsics_images:
         found["board footage"] = target_digest(inputs)
     return found
@@ -352,9 +352,9 @@ def _known_intrinsics(
     entry: dict[str, dict[str, IntrinsicsReport]] = {}
     if inputs.config.calibrate.intrinsics_images:
         known, reports = intrinsics_from_target(inputs, reporter, 0.0, 0.2)
-        known = {name: at_footage_size(camera, inputs.footage.raw) for name, camera in known.items()}
+        known = {name: at_footage_size(camera, inputs.raw_footage) for name, camera in known.items()}
         entry = {"intrinsics": reports}
-    before = known_cameras(inputs.config.calibrate, inputs.footage.raw) or ()
+    before = known_cameras(inputs.config.calibrate, inputs.raw_footage) or ()
     return {camera.name: camera for camera in before} | known, entry
 
 

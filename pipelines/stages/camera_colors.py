@@ -41,7 +41,7 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
         reporter.check()
         reporter.progress(0.0, f"colors of cameras: chart in image {done} of {total}")
 
-    footage = inputs.footage.calibrated
+    footage = inputs.calibrated_footage
     fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
     _write(inputs.take, key, frame, fit.matrices)
     for name in fit.matrices:
@@ -67,7 +67,7 @@ def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> Cam
 def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     from studio.training import fit_camera_colors
 
-    group, footage = inputs.groups[0], inputs.footage.calibrated
+    group, footage = inputs.groups[0], inputs.calibrated_footage
 
     def reading(number: int, images: int) -> None:
         reporter.progress(0.0, f"colors of cameras: image {number} of {images}")

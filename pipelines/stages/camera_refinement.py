@@ -40,14 +40,14 @@ def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str) ->
     check_first_points(inputs.take, "the cameras are refined with")
     fit = partial(_refine, inputs, reporter, key)
     ensure_fitted(inputs, reporter, inputs.take.camera_refinement, CameraRefinement, key, fit)
-    inputs.footage.forget_cameras()
+    inputs.forget_cameras()
 
 
 def drop_refined_cameras(inputs: Inputs) -> None:
     for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
         if path.exists():
             remove(path)
-            inputs.footage.forget_cameras()
+            inputs.forget_cameras()
 
 
 def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
@@ -55,7 +55,7 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     from studio.training.camera_refinement import WORTH
 
     drop_refined_cameras(inputs)
-    group, footage = inputs.groups[0], inputs.footage.calibrated
+    group, footage = inputs.groups[0], inputs.calibrated_footage
 
     def reading(number: int, images: int) -> None:
         reporter.progress(0.0, f"refining cameras: image {number} of {images}")

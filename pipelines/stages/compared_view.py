@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,7 @@ class ComparedView:
 
 def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | None:
     """One view of a frame of the footage, or None if the camera does not see the performer."""
-    footage, settings, crop = inputs.footage.trained, inputs.config, inputs.edits.crop
+    footage, settings, crop = inputs.trained_footage, inputs.config, inputs.edits.crop
     view = footage.view(camera, frame)
     mask = footage.evaluation_mask(camera, frame)
     if crop is not None:
@@ -50,3 +51,11 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
 def compared_cameras(footage: Footage) -> tuple[str, ...]:
     """Names of the held-out cameras; those of the training cameras if none is held out."""
     return footage.measured_cameras or footage.train_cameras
+
+
+def performer_over(footage: Footage, camera: str, frame: int, background: Sequence[float]) -> np.ndarray:
+    """The performer as filmed, undistorted, over a background, as in the evaluation: (H, W, 3) uint8 RGB."""
+    alpha = footage.evaluation_mask(camera, frame)[..., None].astype(np.float32) / 255
+    color = np.array(background, np.float32) * 255
+    image = footage.image(camera, frame).astype(np.float32) * alpha + color * (1 - alpha)
+    return (image + 0.5).astype(np.uint8)

@@ -55,8 +55,8 @@ def params(inputs: Inputs) -> Params:
     """The footage, the metrics, and the settings that affect the comparison."""
     return {
         "metrics": list(MEASURES),
-        "footage": inputs.footage.digest,
-        "frames": list(inputs.footage.raw.frames),
+        "footage": inputs.footage_digest,
+        "frames": list(inputs.raw_footage.frames),
         **settings_affecting(inputs.config, "evaluation"),
         **edit_params(inputs.edits),
     }
@@ -74,7 +74,7 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
     """Decode, render and compare; write evaluation.json and report.html."""
-    footage = inputs.footage.trained
+    footage = inputs.trained_footage
     lpips = lpips_of(inputs.config, inputs.device if executor is None else "cpu")
     if lpips is not None and lpips.remark:
         reporter.warn(lpips.remark)
@@ -237,7 +237,7 @@ def _measure(
     inputs: Inputs, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
 ) -> MeasuredGroup:
     """Measure a group and keep the results in the take; `start` and `stop`: of the stage's progress."""
-    cameras = compared_cameras(inputs.footage.trained)
+    cameras = compared_cameras(inputs.trained_footage)
     rows: list[FrameQuality] = []
     unseen: list[tuple[int, str]] = []
     samples: list[dict[str, str]] = []
@@ -295,9 +295,9 @@ def _residuals(
     if index not in baked:
         return found
     decoded = reader.gaussians(index - baked[0])
-    for camera in compared_cameras(inputs.footage.trained):
+    for camera in compared_cameras(inputs.trained_footage):
         reporter.check()
-        view = compared_view(inputs, camera, inputs.footage.raw.frames[index])
+        view = compared_view(inputs, camera, inputs.raw_footage.frames[index])
         if view is not None:
             found[camera] = view.pair(decoded).residual
     return found

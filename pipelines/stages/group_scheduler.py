@@ -54,7 +54,7 @@ def memory_of_group(inputs: Inputs) -> int:
     from studio.training.joint import joint_bytes
     from studio.training.views import CACHED_PIXELS
 
-    footage = inputs.footage.calibrated
+    footage = inputs.calibrated_footage
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
     each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
     longest = max((len(group.frames) for group in inputs.groups), default=1)

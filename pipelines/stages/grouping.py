@@ -15,13 +15,13 @@ CAMERAS = 4  # maximum number of training cameras to look at, evenly spaced
 
 def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
     """Find how far the performer moves and write it to `Take.motion`. False: it was known."""
-    path, seen, frames = inputs.take.motion, inputs.footage.seen_by_training(), inputs.footage.raw.frames
+    path, seen, frames = inputs.take.motion, inputs.seen_by_training(), inputs.raw_footage.frames
     key = digest_of([1, seen, list(frames), result_of(inputs.take, "calibrate")])
     if path.is_file() and read_model(path, FoundMotion).key == key:
         return False
     from studio.capture.motion import motion
 
-    footage, box = inputs.footage.calibrated, inputs.training_box
+    footage, box = inputs.calibrated_footage, inputs.training_box
     names = footage.train_cameras
     cameras = tuple(dict.fromkeys(names[index * len(names) // CAMERAS] for index in range(CAMERAS if names else 0)))
     moved = []

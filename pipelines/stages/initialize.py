@@ -37,10 +37,10 @@ STAGE = stage_named("initialize")
 def params(inputs: Inputs) -> Params:
     """Training views, settings of the hull, and where groups begin."""
     return {
-        **inputs.footage.seen_by_training(),
+        **inputs.seen_by_training(),
         **settings_affecting(inputs.config, "initial_points"),
         "keyframes": [group.keyframe for group in inputs.groups],
-        "frames": list(inputs.footage.raw.frames),
+        "frames": list(inputs.raw_footage.frames),
     }
 
 
@@ -63,9 +63,9 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> InitializeSummary:
     """Find groups, and sample points for groups that have none."""
-    for line in inputs.footage.calibrated.description.splitlines():
+    for line in inputs.calibrated_footage.description.splitlines():
         reporter.log(line)  # what was found, in particular what auto chose
-    for warning in inputs.footage.calibrated.warnings:
+    for warning in inputs.calibrated_footage.warnings:
         reporter.warn(warning)
     first = 0.3 if find_motion(inputs, reporter.part("finding groups", 0.0, 0.3)) else 0.0
     groups = inputs.groups
@@ -87,7 +87,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    parts = {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "initial_points")}
+    parts = {**inputs.seen_by_training(), **settings_affecting(inputs.config, "initial_points")}
     return key_of(STAGE.name, STAGE.version, parts, result_of(inputs.take, "calibrate"), group.index, group.keyframe)
 
 
@@ -129,7 +129,7 @@ def _has_report(inputs: Inputs, group: Group) -> InitialPointsReport | None:
 def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float) -> None:
     from studio.meshing import initialize_points
 
-    footage, box = inputs.footage.calibrated, inputs.training_box
+    footage, box = inputs.calibrated_footage, inputs.training_box
     found = initialize_points(
         OnDemand(footage.train_cameras, lambda camera: within_box(footage.view(camera, group.keyframe), box)),
         inputs.config.initialize,

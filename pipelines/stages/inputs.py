@@ -7,33 +7,105 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from pipelines.config import Config
-from pipelines.stages.footage import TakeFootage
+from pipelines.stages.params import Params, settings_affecting
 from pipelines.takes.atomic_files import read_model
+from pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
+from pipelines.takes.edits import edit_params, read_edits
 from pipelines.takes.groups import Group, cut_into_groups
+from pipelines.takes.path_here import path_here
 from pipelines.takes.stage_files import FoundMotion
 from pipelines.takes.take import Take
+from studio.camera_files import read_rig
 from studio.errors import StudioError
+from studio.own_frame import in_own_frame, own_frame
+from studio.storage import is_address, mirrored
 
 if TYPE_CHECKING:
+    from studio.cameras import Rig
+    from studio.capture import CaptureSettings, Footage
     from studio.edits import CropBox, EditList
 
 
 @dataclass(eq=False)
 class Inputs:
-    """A take with its settings; what is read from it is opened on first access. `most_cached`: see `TakeFootage`."""
+    """A take with its settings; what is read from it is opened on first access. `most_cached`: see `open_footage`; with
+    and without cameras."""
 
     take: Take
     config: Config
     most_cached: int | None = None
 
     @cached_property
-    def footage(self) -> TakeFootage:
-        return TakeFootage(self.take, self.config, self.most_cached)
+    def capture(self) -> CaptureSettings:
+        """The settings of the footage, with its folder on this machine: where it is mounted here (`run.paths`), or the
+        mirror of a folder in object storage, which is listed on first access (StudioError `storage.*`); and with the
+        path of garbage masks in the take."""
+        capture = with_garbage_of(self.config.capture, self.take)
+        if is_address(capture.root):
+            return capture.replace(root=mirrored(capture.root))
+        here = path_here(capture.root, self.config.run.paths)
+        return capture if here == capture.root else capture.replace(root=here)
 
-    @property
+    @cached_property
     def edits(self) -> EditList:
-        """The take's edits; see `TakeFootage.edits`."""
-        return self.footage.edits
+        """The take's edits, read on first access, so that a run uses the same ones from its beginning to its end.
+        StudioError (`take.edits_*`) if they cannot be read."""
+        return read_edits(self.take.edits)
+
+    @cached_property
+    def raw_footage(self) -> Footage:
+        """The footage without cameras: camera names, frames, original images."""
+        return self.opened(None)
+
+    @cached_property
+    def calibrated_footage(self) -> Footage:
+        """The footage with the take's cameras, in the take's own frame."""
+        return self.opened(in_own_frame(read_rig(self.take.rig)))
+
+    @cached_property
+    def trained_footage(self) -> Footage:
+        """The footage with the cameras that splats are trained and measured with, in the take's own frame: refined ones
+        if the take has them, else `calibrated_footage`."""
+        if not self.take.refined_rig.is_file():
+            return self.calibrated_footage
+        return self.opened(own_frame(read_rig(self.take.rig)).rig(read_rig(self.take.refined_rig)))
+
+    @cached_property
+    def footage_digest(self) -> str:
+        """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid. So
+        do they when the take is moved or copied."""
+        from studio.capture import open_footage
+
+        everything = self.capture.replace(frames=None)
+        garbage = file_of_garbage(self.config.capture, self.take)
+        names = {} if garbage is None else {garbage: self.config.capture.garbage_masks or ""}
+        return open_footage(everything, None, strict=False, evaluation_masks=self.config.evaluate.exact_masks).digest(
+            names
+        )
+
+    def forget_cameras(self) -> None:
+        """Reopen the footage on next access, after the cameras have changed."""
+        self.__dict__.pop("calibrated_footage", None)
+        self.__dict__.pop("trained_footage", None)
+
+    def seen_by_training(self) -> Params:
+        """The footage's digest, and the settings and the crop box that affect training views."""
+        return {
+            "footage": self.footage_digest,
+            **settings_affecting(self.config, "training_views"),
+            **(edit_params(self.edits, "crop") if self.training_box else {}),
+        }
+
+    def opened(self, rig: Rig | None) -> Footage:
+        """The footage with other cameras; None: without cameras. Raises StudioError: it cannot be opened."""
+        from studio.capture import open_footage
+
+        run = self.config.run
+        return open_footage(
+            self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.thread_count,
+            most_cached=self.most_cached, every_camera=True, evaluation_masks=self.config.evaluate.exact_masks,
+            without_masks=() if rig is None else self.raw_footage.without_masks,
+        )  # fmt: skip
 
     @property
     def training_box(self) -> CropBox | None:
@@ -44,7 +116,7 @@ class Inputs:
     @property
     def groups(self) -> tuple[Group, ...]:
         """The take's frames in groups: as if nobody moved until `pipelines.stages.grouping` knows how they do."""
-        path, frames = self.take.motion, self.footage.raw.frames
+        path, frames = self.take.motion, self.raw_footage.frames
         found = read_model(path, FoundMotion) if path.is_file() else FoundMotion()
         known = found.frames == frames
         return cut_into_groups(frames, self.config.train.group_size, found.motion if known else None)

@@ -83,7 +83,7 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
 def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
     from studio.masks.agreement.source import AgreedMaskSource
 
-    footage = inputs.footage.calibrated
+    footage = inputs.calibrated_footage
     matching = reporter.part("checking the cameras", 0.0, 0.02)
     pairs = match_images(_Images(footage, frame), progress=matching)
     names = footage.train_cameras if inputs.config.capture.masks != "none" else ()

@@ -27,7 +27,7 @@ def target_digest(inputs: Inputs) -> list[str]:
     """Digests of the files with the calibration target."""
     section = inputs.config.calibrate
     return [
-        _open(inputs.footage.capture, pattern).digest()
+        _open(inputs.capture, pattern).digest()
         for pattern in (section.board_images, section.intrinsics_images)
         if pattern
     ]
@@ -105,7 +105,7 @@ def _views(
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
     from studio.calibration import detect_target
 
-    names, footage = inputs.footage.raw.camera_names, _open(inputs.footage.capture, pattern)
+    names, footage = inputs.raw_footage.camera_names, _open(inputs.capture, pattern)
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         problem = (

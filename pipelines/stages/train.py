@@ -47,7 +47,7 @@ def params(inputs: Inputs) -> Params:
         **_keyframe_recipe(inputs),
         **settings_affecting(inputs.config, "later_frames", "joint_frames"),
         **edit_params(inputs.edits, "details"),
-        "frames": list(inputs.footage.raw.frames),
+        "frames": list(inputs.raw_footage.frames),
         "groups": [one.first for one in inputs.groups],
     }
 
@@ -70,7 +70,7 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> TrainSummary:
     """Train the frames that are missing."""
     groups = inputs.groups
-    footage = inputs.footage.calibrated
+    footage = inputs.calibrated_footage
     if not footage.train_cameras:
         problem = "all cameras are held out; none are left to train on"
         fix = "Remove cameras from capture.held_out."
@@ -134,7 +134,7 @@ def _train_groups(
         if position not in finished[group.index]
     )
     checks = inputs.config.run.check_footage and frames
-    with footage_check(inputs.footage.trained, frames, work.stop, reporter) if checks else nullcontext():
+    with footage_check(inputs.trained_footage, frames, work.stop, reporter) if checks else nullcontext():
         run_groups(jobs, at_once, threads_of_groups(inputs), work.stop)
 
 
@@ -178,7 +178,7 @@ def _cameras_keys(inputs: Inputs, recipe: Params) -> list[str]:
 
 
 def _keyframe_recipe(inputs: Inputs) -> Params:
-    return {**inputs.footage.seen_by_training(), **settings_affecting(inputs.config, "keyframe")}
+    return {**inputs.seen_by_training(), **settings_affecting(inputs.config, "keyframe")}
 
 
 def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> list[str]:

@@ -220,7 +220,7 @@ class GroupWork:
         """Views of a frame that joint training uses."""
         from studio.training.joint import views_of_frame
 
-        sizes = [self.inputs.footage.trained.rig[name] for name in self.inputs.footage.trained.train_cameras]
+        sizes = [self.inputs.trained_footage.rig[name] for name in self.inputs.trained_footage.train_cameras]
         pixels = sum(camera.width * camera.height for camera in sizes)
         return views_of_frame(views, pixels, len(group.frames), position)
 
@@ -435,7 +435,7 @@ class GroupWork:
             if pause == 0 or time.monotonic() - self._last_preview < pause:
                 return
             self._last_preview = time.monotonic()
-        footage = self.inputs.footage.trained
+        footage = self.inputs.trained_footage
         camera = (*footage.held_out_cameras, *footage.train_cameras)[0]
         frame = group.frames[position]
         image = render(

@@ -42,13 +42,13 @@ def training_views(
     Args:
         reading: called with images read and images before each image, by any thread; may raise Cancelled.
         readers: cameras that are read in parallel.
-        footage: where images and cameras are from; None: `TakeFootage.trained`.
+        footage: where images and cameras are from; None: `Inputs.trained_footage`.
         cameras: names; None: the training cameras.
         colored: with the cameras' colors, with `train.camera_colors`.
     """
     from studio.training import Detail, TrainingView
 
-    footage, settings = footage or inputs.footage.trained, inputs.config.train
+    footage, settings = footage or inputs.trained_footage, inputs.config.train
     cameras = footage.train_cameras if cameras is None else cameras
     marked = details_at(inputs.edits, frame) if detailed else []
     details = [Detail(*one) for one in marked]

@@ -203,7 +203,7 @@ def capture_camera(request: RenderRequest) -> Camera | None:
         return None
     if request.context is not None:
         try:
-            return request.context.footage.trained.rig[request.camera]
+            return request.context.trained_footage.rig[request.camera]
         except StudioError:
             if request.rig is None:
                 raise
@@ -244,7 +244,7 @@ def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray
         raise StudioError("playback.no_footage", "a stream has no footage", fix="Open its take.")
     if not request.camera:
         raise StudioError("playback.no_camera_selected", "footage needs a capture camera", fix="Select one (C).")
-    footage = request.context.footage.trained
+    footage = request.context.trained_footage
     known = range(len(footage.frames)) if request.number is None else footage.frames
     frame = request.frame if request.number is None else request.number
     if frame not in known:

@@ -142,7 +142,7 @@ def small_image(context: Inputs, camera: str, frame: int, number: int | None = N
     """(h, w, 3) uint8: a camera's image of a frame for its frustum, by its number, or counted from 0 if that is None;
     None if there is none: the Capture view says why it cannot be read."""
     try:
-        footage = context.footage.raw
+        footage = context.raw_footage
         found = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
         whole = footage.raw_image(camera, found)
     except StudioError:

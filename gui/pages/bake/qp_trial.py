@@ -41,7 +41,7 @@ class QpTrial:
         if of == self._of:
             return
         self._of, self.results = of, {}
-        self.fps = float(context.footage.raw.fps)
+        self.fps = float(context.raw_footage.fps)
         first, last = numbers.number(part.indices[0]), numbers.number(part.indices[-1])
         frames = f"frames {first} to {last}" if last > first else f"frame {first}"
         self.words = f"Group {part.index} ({frames}) baked at other QPs. PSNR: decoded against trained."

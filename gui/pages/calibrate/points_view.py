@@ -57,7 +57,7 @@ class PointsView(StageView):
             return None
         named, root = context.config.calibrate.tie_points, context.config.capture.root
         if named and not is_address(root):
-            root = context.footage.capture.root
+            root = context.capture.root
         return root / named if named else take.root / "points.yaml"
 
     def state(self) -> Hashable:
@@ -103,7 +103,7 @@ class PointsView(StageView):
         if marks is None or context is None:
             problem = self.problem or "no take is open"
             raise StudioError("gui.no_points", problem, fix="" if self.problem else "Open a take.")
-        footage = context.footage.raw
+        footage = context.raw_footage
         names = tuple(held_out_first(footage.camera_names, footage.held_out_cameras))
         if self._footage[0] is not context:
             self._images.clear()  # of another take, or of other settings
@@ -130,15 +130,15 @@ class PointsView(StageView):
     def _image(self, camera: str, number: int | None = None) -> np.ndarray:
         """A camera's image, of this frame number or else of the current frame."""
         assert self.workspace.context is not None
-        if number is None or number not in self.workspace.context.footage.raw.frames:
+        if number is None or number not in self.workspace.context.raw_footage.frames:
             number = self._number()
-        raw = self.workspace.context.footage.raw
+        raw = self.workspace.context.raw_footage
         return self._images.get_or_make((camera, number), lambda key: raw.raw_image(*key))
 
     def _number(self) -> int:
         """Frame number in the footage of the current frame."""
         assert self.workspace.context is not None
-        frames = self.workspace.context.footage.raw.frames
+        frames = self.workspace.context.raw_footage.frames
         return int(frames[min(self.frame, len(frames) - 1)])
 
     def _magnified(self, image: PointsImage, marks: TieMarks, rect: Box) -> None:
@@ -179,7 +179,7 @@ class PointsView(StageView):
             return None
         stamp = (context, take.rig.stat().st_mtime_ns)
         if stamp != self._rig[0]:
-            footage = context.footage.raw
+            footage = context.raw_footage
             rig = read_rig(take.rig)
             fits = all(
                 name in rig and footage.raw_size(name) == (rig[name].width, rig[name].height)

@@ -138,7 +138,7 @@ class CalibrateView(OrbitView):
         context = self.workspace.context
         names: Sequence[str] = self._rig.names
         with suppress(StudioError):  # footage that is gone; the Capture view shows the error
-            names = context.footage.raw.train_cameras if context is not None else names
+            names = context.raw_footage.train_cameras if context is not None else names
         self._coverage, self._coverage_of = None, of
         with suppress(StudioError):  # damaged points of the first group; Initialize shows the error
             surface = read_surface(_surface(take)) if self._initialized and _surface(take).is_file() else None

@@ -73,7 +73,7 @@ class CameraColorPairs:
         return self._drawn(size, em, colors, pictures)
 
     def _read(self, context: Inputs, colors: CameraColors, pictures: _Pictures) -> None:
-        footage, frame = context.footage.calibrated, context.groups[0].keyframe
+        footage, frame = context.calibrated_footage, context.groups[0].keyframe
         until = time.monotonic() + SECONDS
         for name in [one for one in colors.cameras if one not in pictures]:
             try:

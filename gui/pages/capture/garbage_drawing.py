@@ -113,7 +113,7 @@ class GarbageDrawing:
             fix = f"Empty {SETTING}, or add polygons to the images."
             raise StudioError("gui.garbage_images", problem, value=named, fix=fix, setting=SETTING)
         in_take = file_of_garbage(context.config.capture, context.take)
-        return in_take if in_take is not None else context.footage.capture.root / Path(named).expanduser()
+        return in_take if in_take is not None else context.capture.root / Path(named).expanduser()
 
     def _own(self) -> Polygons | None:
         """The polygons in the take, also while they are not used; None: no file."""

@@ -230,7 +230,7 @@ def _footage(context: Inputs, rig: Rig | None) -> Footage:
     """The footage with its problems, which are shown, and few decoded images."""
     run = context.config.run
     return open_footage(
-        context.footage.capture, rig, strict=False, most_cached=DECODED_BYTES,
+        context.capture, rig, strict=False, most_cached=DECODED_BYTES,
         cache_folder=context.take.footage_cache, device=run.device, threads=run.thread_count,
     )  # fmt: skip
 

@@ -56,7 +56,7 @@ def _made(place: str) -> np.ndarray | None:
         return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
     if opened.take is None:
         return None
-    with contextlib.closing(Inputs(opened.take, load_config(opened.take.config)).footage.raw) as footage:
+    with contextlib.closing(Inputs(opened.take, load_config(opened.take.config)).raw_footage) as footage:
         return cropped(footage.raw_image(footage.camera_names[0], footage.frames[0]))
 
 

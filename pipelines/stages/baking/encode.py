@@ -47,7 +47,7 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
         progress=reporter.part(f"group {part.index}", start, stop),
         quality=rendered if settings.target_psnr is not None or settings.ladder else None,
         threads=inputs.threads,
-        fps=float(inputs.footage.raw.fps),
+        fps=float(inputs.raw_footage.fps),
         contribution=partial(rendered_contribution, frames, cameras, inputs.device, reporter.check),
         finetuned=lambda rung: finetuned[rung.kind],
         unsmoothed=lambda: unsmoothed.append(part.index),

@@ -59,7 +59,7 @@ def planned_parts(inputs: Inputs) -> tuple[Part, ...]:
     trim = inputs.edits.trim
     found = parts_of(inputs.groups, inputs.config.bake.first_group_size, trim)
     if not found and trim is not None:
-        raise no_frames_left(inputs.take, trim, inputs.footage.raw.frames)
+        raise no_frames_left(inputs.take, trim, inputs.raw_footage.frames)
     return found
 
 
@@ -76,7 +76,7 @@ def group_to_bake(inputs: Inputs, part: Part) -> EditedGroup:
 
 def stream_cameras(inputs: Inputs) -> list[Camera]:
     """The training cameras in the world of the stream."""
-    footage, world = inputs.footage.trained, inputs.edits.similarity
+    footage, world = inputs.trained_footage, inputs.edits.similarity
     cameras = [footage.rig[name] for name in footage.train_cameras]
     return cameras if world.is_identity else [world.camera(camera) for camera in cameras]
 
@@ -129,7 +129,7 @@ class BakePlan:
         if part.stream_first != part.first:
             edited["first frame in the stream"] = part.stream_first
         settings = settings_affecting(inputs.config, "videos")
-        settings["frames a second"] = float(inputs.footage.raw.fps)  # the level of the video depends on it
+        settings["frames a second"] = float(inputs.raw_footage.fps)  # the level of the video depends on it
         finetuned = [self.training.key(trained, rung) for rung in finetuned_rungs(inputs.config)]
         more = [one for one in (finetuned, edited) if one]
         return key_of(STAGE.name, STAGE.version, VERSION, settings, part.index, part.first, content, *more)

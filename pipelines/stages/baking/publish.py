@@ -33,10 +33,10 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     for note in notes:
         for path, digest in note.digests.items():
             _put(plan, path, digest)
-    audio = None if live else _sound(inputs.footage.raw, inputs.edits.trim, plan.folder, reporter)
+    audio = None if live else _sound(inputs.raw_footage, inputs.edits.trim, plan.folder, reporter)
     if audio is not None:
         _put(plan, audio.path, digest_of_file(plan.folder / audio.path))
-    fps, settings = inputs.footage.trained.fps, inputs.config.bake
+    fps, settings = inputs.trained_footage.fps, inputs.config.bake
     metadata = _metadata(plan, entries, notes).to_json()
     return write_manifest(stream, entries, fps, settings, metadata, live=live, audio=audio)
 
@@ -82,7 +82,7 @@ def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[Bak
     from studio.stream.suggested_view import suggested_view
 
     inputs = plan.inputs
-    footage, world = inputs.footage.trained, inputs.edits.similarity
+    footage, world = inputs.trained_footage, inputs.edits.similarity
     cameras, up = stream_cameras(inputs), world.directions(footage.rig.up)
     boxes = [
         note.seen or (entry.best.bounding_box.min, entry.best.bounding_box.max)

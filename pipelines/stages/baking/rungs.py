@@ -48,7 +48,7 @@ def name_of(rung: Rung) -> str:
 def finetuning_params(inputs: Inputs) -> Params:
     """Settings and inputs of fine-tuning that do not depend on the rung."""
     return {
-        **inputs.footage.seen_by_training(),
+        **inputs.seen_by_training(),
         **settings_affecting(inputs.config, "keyframe"),
         "result of calibrate": result_of(inputs.take, "calibrate"),
     }
@@ -108,7 +108,7 @@ class RungTraining:
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
         unedited = OnDemand(group.indices, EditedGroup(inputs.take, group, EditList()).read)
-        footage = inputs.footage.trained
+        footage = inputs.trained_footage
         cameras = [footage.rig[name] for name in footage.train_cameras]
         contribution = rendered_contribution(unedited, cameras, inputs.device, reporter.check)
         kept = torch.from_numpy(most_visible(contribution, rung.splats)).to(inputs.device)

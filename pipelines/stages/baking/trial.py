@@ -35,7 +35,7 @@ def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     from studio.stream import bake_group
 
     frames = OnDemand(part.indices, group_to_bake(context, part).read)
-    cameras, fps = stream_cameras(context), float(context.footage.raw.fps)
+    cameras, fps = stream_cameras(context), float(context.raw_footage.fps)
     quality = RenderedError(frames, cameras, context.config.evaluate.background, context.device)
     seen = partial(rendered_contribution, frames, cameras, context.device, lambda: None)
     with tempfile.TemporaryDirectory() as name:

@@ -44,7 +44,7 @@ def rig(names: tuple[str, ...], width: int = 160) -> Rig:
 
 
 def known_in(made: Inputs) -> Rig | None:
-    return known_cameras(made.config.calibrate, made.footage.raw)
+    return known_cameras(made.config.calibrate, made.raw_footage)
 
 
 def test_an_older_solution_is_brought_to_the_footages_size(tmp_path: Path) -> None:
@@ -99,10 +99,10 @@ def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:
 
 def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     made = context(tmp_path, suffix="jpg")
-    found = focal_lengths(made.footage.raw, 0)
+    found = focal_lengths(made.raw_footage, 0)
     assert set(found) == {"a", "b"}
     assert found["a"] == pytest.approx(50 / 35 * 80, rel=0.05)
-    assert focal_lengths(context(tmp_path / "other").footage.raw, 0) == {}
+    assert focal_lengths(context(tmp_path / "other").raw_footage, 0) == {}
 
 
 def test_which_frames() -> None:

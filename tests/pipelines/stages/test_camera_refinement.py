@@ -60,9 +60,10 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
     assert set(report.cameras) == {f"cam{number}" for number in range(6)}, "held-out cameras are aligned"
     assert any(report.sentence in event.message for event in events if isinstance(event, Log))
     config = settings_in(turned, *ALWAYS)
-    footage = Inputs(take, config).footage
-    assert np.allclose(footage.trained.rig["cam1"].K, read_rig(take.refined_rig)["cam1"].K)
-    assert not np.allclose(footage.trained.rig["cam1"].center, footage.calibrated.rig["cam1"].center)
+    inputs = Inputs(take, config)
+    trained, calibrated = inputs.trained_footage.rig["cam1"], inputs.calibrated_footage.rig["cam1"]
+    assert np.allclose(trained.K, read_rig(take.refined_rig)["cam1"].K)
+    assert not np.allclose(trained.center, calibrated.center)
 
     first = files_of(take)
     assert first["frame_000000.safetensors"] != plain

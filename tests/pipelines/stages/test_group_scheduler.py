@@ -29,8 +29,8 @@ def planned(asked: int | None = None) -> Any:
     cameras = {f"cam{number}": SimpleNamespace(width=2000, height=2000) for number in range(10)}
     run, train = SimpleNamespace(groups_at_once=asked, device="cpu"), SimpleNamespace(joint_iterations=0)
     config, groups = SimpleNamespace(run=run, train=train), [SimpleNamespace(frames=range(3))] * 8
-    footage = SimpleNamespace(calibrated=SimpleNamespace(rig=cameras, train_cameras=list(cameras)))
-    return SimpleNamespace(config=config, device="cpu", threads=8, groups=groups, footage=footage)
+    footage = SimpleNamespace(rig=cameras, train_cameras=list(cameras))
+    return SimpleNamespace(config=config, device="cpu", threads=8, groups=groups, calibrated_footage=footage)
 
 
 def test_both_sides_of_a_keyframe_need_threads_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,8 +63,8 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     view = SimpleNamespace(camera=camera, image=plate + 20, mask=mask, plate=plate)
     footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view, chroma=lambda name: None)
     config = Config.model_validate({"train": {"use_plates": use_plates}})
-    context = SimpleNamespace(config=config, edits=EditList(), training_box=None, device="cpu")
-    context.footage = SimpleNamespace(trained=footage, raw=SimpleNamespace(frames=range(1)))
+    given = {"config": config, "edits": EditList(), "training_box": None, "device": "cpu", "trained_footage": footage}
+    context = SimpleNamespace(**given)
     (found,) = training_views(context, StageReporter("train"), 0, lambda number, images: None)
     assert (found.plate is not None) == use_plates
 

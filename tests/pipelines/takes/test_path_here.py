@@ -26,8 +26,7 @@ def test_a_take_opens_footage_that_is_mounted_elsewhere(project: Path):
     take = Take.create(project / "take")
     config = load_config(project / "ball.yaml", [("run.paths", {str(project / "capture"): str(project / "mounted")})])
     assert config.run.paths == {str(project / "capture"): (str(project / "mounted"),)}
-    footage = Inputs(take, config).footage
-    assert footage.raw.frames == (0, 1, 2, 3, 4)
+    assert Inputs(take, config).raw_footage.frames == (0, 1, 2, 3, 4)
     assert config.capture.root == project / "capture", "settings keep the path that they were written with"
 
 

@@ -28,7 +28,7 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     assert player.choose("footage")
     assert player.camera == "cam4", "the held-out camera"
     shown = picture_of(player)
-    footage = player.context.footage.calibrated
+    footage = player.context.calibrated_footage
     mask = footage.mask("cam4", footage.frames[0])[..., None] / 255
     filmed = footage.image("cam4", footage.frames[0]).astype(float) * mask
     shrunk = shown.reshape(48, 4, 64, 4, 3).mean(axis=(1, 3))  # shown enlarged four times
@@ -93,7 +93,7 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished:
     assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
     assert shown["Frame"]["splats"] == f"{row['splats']:,}"
     assert evaluation.series("psnr_decoded", 7) == [*(one["psnr_decoded"] for one in written["frames"]), None, None]
-    vars(player.context.footage)["edits"] = EditList().model_copy(update={"regions": (None,)})
+    vars(player.context)["edits"] = EditList().model_copy(update={"regions": (None,)})
     notes = [review_blocks(player, replace(evaluation, stale=stale), Marks(None))[1].note for stale in (False, True)]
     assert notes[0].startswith("PSNR is lower")
     assert notes[1] == "", "the earlier bake had it"

@@ -128,7 +128,7 @@ def test_another_take_with_the_same_cameras(
     after = picture(stage_view)
     assert stage_view.camera == camera
     assert (after != before).any()
-    raw = stage_view.workspace.context.footage.raw
+    raw = stage_view.workspace.context.raw_footage
     magnifier = stage_view.magnifiers[camera]
     assert (magnifier.width, magnifier.height) == raw.raw_size(camera)
     x, y = map(round, magnifier.shown((10.0, 10.0)))

@@ -20,7 +20,7 @@ def test_cameras_appear_as_they_are_read(
     workspace.open(Take.open(take_copy))
     monkeypatch.setattr(camera_color_pairs, "SECONDS", -1.0)  # one camera per draw
     workspace.change_settings({"train.camera_colors": "splats"})
-    names = (*workspace.context.footage.calibrated.train_cameras[:2], "gone")
+    names = (*workspace.context.calibrated_footage.train_cameras[:2], "gone")
     colors = CameraColors(key="k", frame=0, cameras=dict.fromkeys(names, MATRIX))
     write_model(workspace.context.take.camera_colors, colors)
     pairs = CameraColorPairs(workspace)

@@ -10,7 +10,7 @@ from gui.pages.capture.view import GARBAGE
 from gui.pages.stage_views import StageViews
 from pipelines.config import load_config
 from pipelines.runs.runner import status
-from pipelines.stages.footage import TakeFootage
+from pipelines.stages.inputs import Inputs
 from pipelines.takes.take import Take
 from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
@@ -47,7 +47,7 @@ def clicked(views: StageViews, points: tuple[tuple[float, float], ...], act: Cal
 
 def masks(take: Path) -> dict[str, np.ndarray]:
     """As a run reads them."""
-    footage = TakeFootage(Take.open(take), load_config(take / "config.yaml")).raw
+    footage = Inputs(Take.open(take), load_config(take / "config.yaml")).raw_footage
     return {camera: footage.raw_mask(camera, 0) for camera in ("cam0", "cam1")}
 
 
