@@ -37,7 +37,7 @@ from studio.errors import StudioError
 
 Action = Callable[[], object]
 
-SWITCHES = frozenset(getattr(gui.KeyName, name) for name in ("O", "S", "W", "D", "B", "X", "F", "I", "J", "L", "SPACE"))
+SWITCHES = frozenset(getattr(gui.KeyName, name) for name in (*"ABDFIJLOPSTVWX", "SPACE"))
 """Keys that act once while they are held; otherwise they would switch back and forth. None that opens a text field: the
 field would keep the release of the key, and its next press would be taken for a repeat."""
 
