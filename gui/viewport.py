@@ -43,14 +43,14 @@ class Viewport:
 
     def on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         """Handle a mouse event at a position in the widget, pixels; returns whether it was for the viewport."""
-        kind, gestures = gui.MouseEvent.Type, self._views
+        kind, shown = gui.MouseEvent.Type, self._views.on_screen
         # Gestures are in widget pixels; the image may have fewer.
         scale = self.picture_size[0] / max(self.picture.size[0], 1)
         if event.type == kind.BUTTON_DOWN:
             self._last = self._start = (x, y)
             self._clicking = event.is_button_down(gui.MouseButton.LEFT)
             self._right = event.is_button_down(gui.MouseButton.RIGHT)
-            self._pulling = self._clicking and gestures.grabs(x * scale, y * scale)
+            self._pulling = self._clicking and shown.grabs(x * scale, y * scale)
         elif event.type == kind.DRAG and self._last is not None:
             moved = max(abs(x - self._start[0]), abs(y - self._start[1]))
             if (self._clicking or self._right) and moved <= _STILL:
@@ -59,27 +59,27 @@ class Viewport:
             dx, dy = x - self._last[0], y - self._last[1]
             self._last = (x, y)
             if self._pulling:
-                gestures.pull(x * scale, y * scale)
+                shown.pull(x * scale, y * scale)
             else:
                 left = event.is_button_down(gui.MouseButton.LEFT)
                 turn = left and not event.is_modifier_down(gui.KeyModifier.SHIFT)
-                gestures.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self.picture_size[1])
+                shown.drag(*((dx, dy) if turn else (dx * scale, dy * scale)), turn, self.picture_size[1])
             self._changed()
         elif event.type == kind.BUTTON_UP:
             self.clicked_at = (self.picture.widget.frame.x + x, self.picture.widget.frame.y + y)
             if self._right:
-                gestures.context(x * scale, y * scale)
+                self._views.context(x * scale, y * scale)
                 self._changed()
             elif self._pulling:
-                gestures.release()
+                shown.release()
                 self._changed()
             elif self._clicking:
-                gestures.click(x * scale, y * scale)
+                self._views.click(x * scale, y * scale)
                 self._changed()
             self._last = None
             self._pulling = self._clicking = self._right = False
         elif event.type == kind.WHEEL:
-            gestures.wheel(x * scale, y * scale, event.wheel_dy)
+            shown.wheel(x * scale, y * scale, event.wheel_dy)
             self._changed()
         else:
             return False

@@ -97,6 +97,16 @@ class StageView:
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Handle a drag in pixels; `turn`: orbit (left button), else pan."""
 
+    def grabs(self, x: float, y: float) -> bool:
+        """Whether a press at a pixel of the image grabs something, or begins to draw."""
+        return False
+
+    def pull(self, x: float, y: float) -> None:
+        """Move what is grabbed to a pixel."""
+
+    def release(self) -> None:
+        """Let go of what is grabbed."""
+
     def wheel(self, x: float, y: float, notches: float) -> None:
         """Handle the wheel at a pixel of the image."""
 

@@ -47,7 +47,6 @@ class StageViews:
         self.editing = False  # whether Review shows the edits
         self._edits = EditList()  # before the changes since they are on screen
         self.stage = "review"
-        self._left_scene_of: object = None
         self._looks: tuple[OrbitCamera | None, OrbitCamera | None] = (None, None)
         self._numbered: tuple[object, ...] = (None, None, None)
         self._newest = NewestImage()
@@ -92,9 +91,9 @@ class StageViews:
             player.refused.emit("Only a take can be edited. Open one, or create one from footage.")
             return
         player.transport.pause()
-        self._go("review")
+        self.stage = "review"
         self.editing, self._edits = True, self.editor.edits
-        self.editor.begin(player.orbit, player.opened.up, player.opened.reach)
+        self.editor.begin(player.orbit, player.home, player.opened.up, player.opened.reach)
         self._looks = (player.orbit, player.orbit)
         self.show_again()
 
@@ -169,32 +168,23 @@ class StageViews:
 
     def select(self, stage: str) -> None:
         if stage != self.stage:
-            self._go(stage)
+            self.stage = stage
             self.show_again()
-
-    def _go(self, stage: str) -> None:
-        """Set the stage. Only Review has a scene: it is left with Review, and is back with it."""
-        player = self.player
-        path = player.opened.path if player.opened is not None else None
-        if self.stage == "review" != stage and player.mode == "scene":
-            self._left_scene_of = path
-            player.choose_mode("single")
-        elif self.stage != "review" == stage:
-            if player.mode == "single" and path is not None and self._left_scene_of == path:
-                player.choose_mode("scene")
-            self._left_scene_of = None
-        self.stage = stage
 
     def show_again(self) -> None:
         """Redraw, because something else was on screen."""
         self.player.show_again()
-        for stage_view in (*self.stage_views.values(), self.points, self.editor):
+        for stage_view in self._all:
             stage_view.show_again()
 
     def forget(self) -> None:
         """Free the previous take's large buffers."""
-        for stage_view in (*self.stage_views.values(), self.points, self.editor):
+        for stage_view in self._all:
             stage_view.forget()
+
+    @property
+    def _all(self) -> tuple[StageView, ...]:
+        return (*self.stage_views.values(), self.points, self.editor)
 
     @property
     def shows_player(self) -> bool:
@@ -297,8 +287,7 @@ class StageViews:
 
     @property
     def _finished(self) -> bool:
-        stage_view = self.stage_view
-        return self.player.settled if stage_view is None else stage_view.settled
+        return self.on_screen.settled
 
     @property
     def message(self) -> str:
@@ -309,39 +298,35 @@ class StageViews:
 
     # Gestures of the mouse, see `gui.viewport`. Positions are pixels of the image
 
-    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
-        """Orbit or pan."""
-        (self.stage_view or self.player).drag(dx, dy, turn, height)
+    @property
+    def on_screen(self) -> StageView | PlayerPresenter:
+        """What the viewport shows, and what drags and the wheel are for."""
+        return self.stage_view or self.player
 
-    def wheel(self, x: float, y: float, notches: float) -> None:
-        (self.stage_view or self.player).wheel(x, y, notches)
+    def reset(self) -> None:
+        self.on_screen.reset()
+
+    def _camera_at(self, x: float, y: float) -> str:
+        scene = self.player.scene_places[0] if self.shows_scene else ()
+        return shown_at(scene if self.stage_view is None else self.stage_view.places, x, y)
 
     def click(self, x: float, y: float) -> None:
         self.clicked.emit()
-        stage_view = self.stage_view
-        if stage_view is not None:
-            camera = shown_at(stage_view.places, x, y)
-            if camera:
-                self.camera_clicked.emit(camera)  # which may select another stage
-            stage_view.click(x, y)
-        elif self.shows_scene:
-            player, (cameras, ends) = self.player, self.player.scene_places
-            end, camera = shown_at(ends, x, y), shown_at(cameras, x, y)
-            if end:
-                player.look_through("")
-                player.orbit = along(player.orbit, end)
-            elif camera:
-                self.camera_clicked.emit(camera)
+        view, player, camera = self.stage_view, self.player, self._camera_at(x, y)
+        end = shown_at(player.scene_places[1], x, y) if self.shows_scene else ""
+        if end:
+            player.look_through("")
+            player.orbit = along(player.orbit, end)
+        elif camera:
+            self.camera_clicked.emit(camera)  # which may select another stage
+        if view is not None:
+            view.click(x, y)
 
     def context(self, x: float, y: float) -> None:
         """Handle a right click."""
         self.clicked.emit()
         view = self.stage_view
-        if view is not None:
-            camera = shown_at(view.places, x, y)
-        else:
-            hit = shown_at(self.player.scene_places[0], x, y) if self.shows_scene else ""
-            camera = hit or self.player.camera
+        camera = self._camera_at(x, y) or (self.player.camera if view is None else "")
         if camera:
             self.camera_menu.emit(camera)
         elif view is not None:
@@ -362,34 +347,7 @@ class StageViews:
         self.capture.camera = ""
         return alone
 
-    def grabs(self, x: float, y: float) -> bool:
-        """Whether a press at a pixel grabs the wipe's line, or a handle of an edit, or begins a lasso."""
-        if self.edits_take:
-            return self.editor.grabs(x, y)
-        return self.stage_view is None and self.player.wipe_at(x)
-
-    def pull(self, x: float, y: float) -> None:
-        """Move what is grabbed."""
-        if self.edits_take:
-            self.editor.pull(x, y)
-        else:
-            self.player.move_wipe(x)
-
-    def release(self) -> None:
-        """Let go of what is grabbed."""
-        if self.edits_take:
-            self.editor.release()
-
-    def reset(self) -> None:
-        """Return to the initial view."""
-        if self.edits_take:
-            self.editor.orbit = self.player.home
-        else:
-            (self.stage_view or self.player).reset()
-
     def close(self) -> bool:
         """End all threads. Returns whether they ended in time."""
-        return all(
-            [stage_view.close() for stage_view in (*self.stage_views.values(), self.points, self.editor)]
-            + [self.player.close()]
-        )
+        ended = [stage_view.close() for stage_view in self._all]
+        return self.player.close() and all(ended)

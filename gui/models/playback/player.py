@@ -245,16 +245,19 @@ class PlayerPresenter(Viewpoint):
         self._fit_zoom()
         return True
 
-    def wipe_at(self, x: float) -> bool:
-        """Whether a column of the image is on the wipe's line, within 14 pixels."""
+    def grabs(self, x: float, _y: float) -> bool:
+        """Whether a pixel of the image is on the wipe's line, within 14 pixels."""
         if self.mode != "wipe" or self.picture is None or self.picture.request.mode != "wipe":
             return False
         return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
 
-    def move_wipe(self, x: float) -> None:
-        """Move the wipe's line to a column of the image."""
+    def pull(self, x: float, _y: float) -> None:
+        """Move the wipe's line to a pixel of the image."""
         if self.picture is not None:
             self.wipe = min(max((x - self.picture.box.x) / max(self.picture.box.width, 1), 0.0), 1.0)
+
+    def release(self) -> None:
+        """The wipe's line stays where it is."""
 
     def toggle_sound(self) -> None:
         if self.audio is None:

@@ -118,9 +118,9 @@ class EditView(OrbitView):
         """(3,) up in the world of the capture."""
         return up_of(self.edits, self.captured_up)
 
-    def begin(self, orbit: OrbitCamera, up: np.ndarray, reach: np.ndarray) -> None:
-        """Begin to edit. `reach`: (N, 3) points of the performer in frames spread over the take."""
-        self.captured_up, self.orbit, self._reach = up, orbit, reach
+    def begin(self, orbit: OrbitCamera, home: OrbitCamera, up: np.ndarray, reach: np.ndarray) -> None:
+        """Begin to edit in a view. `reach`: (N, 3) points of the performer in frames spread over the take."""
+        self.captured_up, self.orbit, self.home, self._reach = up, orbit, home, reach
         self.choose_tool("look")
 
     def choose_tool(self, tool: str) -> None:
@@ -255,6 +255,9 @@ class EditView(OrbitView):
         return self.commit(self.edits.with_(world=scaled), f"scale {scaled.scale:.4g}")
 
     # Gestures
+
+    def reset(self) -> None:
+        self.orbit = self.home
 
     def grabs(self, x: float, y: float) -> bool:
         """Whether a press at a pixel grabs a handle or begins to draw."""

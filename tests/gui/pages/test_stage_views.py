@@ -76,7 +76,7 @@ def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finis
     before = shown(views)
     gray = (before == before[..., :1]).all(axis=2).sum()
     assert (before != GROUND).any(axis=2).sum() > 0.05 * SIZE[0] * SIZE[1], gray
-    views.drag(60, 20, True, SIZE[1])
+    views.on_screen.drag(60, 20, True, SIZE[1])
     assert (shown(views, lambda picture: bool((picture != before).any())) != before).any()
 
 

@@ -43,11 +43,11 @@ def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(playe
     assert player.reference == "footage"
     assert picture_of(player).max() > 0
     player.choose_mode("wipe")
-    player.move_wipe(128 if player.picture is None else player.picture.box.x + 64)
+    player.pull(128 if player.picture is None else player.picture.box.x + 64, 0)
     assert player.wipe == pytest.approx(0.25)
     assert picture_of(player).shape == (192, 256, 3)
-    assert player.wipe_at(64)
-    assert not player.wipe_at(180)
+    assert player.grabs(64, 0)
+    assert not player.grabs(180, 0)
 
 
 def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -> None:

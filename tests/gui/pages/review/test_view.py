@@ -31,7 +31,8 @@ def view(workspace: Workspace, take_copy: Path) -> Iterator[EditView]:
     workspace.open(Take.open(take_copy))
     view = EditView(workspace)
     rig = read_rig(take_copy / "calibrate" / "rig.json")
-    view.begin(OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP), UP, np.zeros((0, 3)))
+    orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP)
+    view.begin(orbit, orbit, UP, np.zeros((0, 3)))
     yield view
     view.close()
 
