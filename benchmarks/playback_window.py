@@ -18,7 +18,7 @@ import numpy as np
 
 from gui.app import check_display
 from studio.errors import StudioError
-from studio.gaussians import Gaussians
+from studio.playback import PlayedFrame
 
 TURN = 6.0  # drag in pixels that rotates the view at each tick
 
@@ -75,16 +75,16 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     player = window.player
     source = player.opened.sources["decoded"] if player.opened else None
     assert isinstance(source, StreamSource)
-    source._cache.limit = 0  # only keeps a few frames ahead
-    decode, loads = source._decoded, list[float]()
+    frames_of, loads = source._frames, list[float]()
+    frames_of._ready.limit = 0  # only keeps a few frames ahead
+    get = frames_of.get
 
-    def timed(frame: int) -> Gaussians:
-        begun = time.perf_counter()
-        found = decode(frame)
-        loads.append(1000 * (time.perf_counter() - begun))
+    def timed(frame: int) -> PlayedFrame:
+        found = get(frame)
+        loads.append(found.stats.decode_ms + found.stats.dequantize_ms)
         return found
 
-    source._decoded = timed  # type: ignore[method-assign]
+    frames_of.get = timed  # type: ignore[assignment, method-assign]
     player.transport.play()
     frames: list[int] = []
     draws: list[float] = []

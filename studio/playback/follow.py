@@ -1,7 +1,7 @@
 """Follows a live stream: reads its manifest again until it is complete."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from studio.errors import StudioError
@@ -11,14 +11,14 @@ SHORTEST, LONGEST = 0.5, 5.0  # seconds between two reads; in between, about the
 
 
 @contextmanager
-def following(reader: StreamReader, grown: Callable[[], None], lost: Callable[[StudioError], None]) -> Iterator[None]:
+def following(reader: StreamReader) -> Iterator[list[StudioError]]:
     """Refresh a reader on a thread, until its stream is no longer live; other streams stay as they are.
 
-    `grown` is called after new groups were found, and when the stream is complete; `lost` with the error if the stream
-    was replaced by another one; nothing follows. An unreachable server or a file that is just being replaced is tried
-    again.
+    The list gets the error if the stream is replaced by another one, which is not followed. An unreachable server or a
+    file that is just being replaced is tried again.
     """
     closed = threading.Event()
+    lost: list[StudioError] = []
 
     def work() -> None:
         while reader.live:
@@ -26,19 +26,18 @@ def following(reader: StreamReader, grown: Callable[[], None], lost: Callable[[S
             if closed.wait(pause):
                 return
             try:
-                if reader.refresh() or not reader.live:
-                    grown()
+                reader.refresh()
             except SourceUnavailable:
                 continue
             except StudioError as error:
                 if error.code == "stream.live_changed":
-                    lost(error)
+                    lost.append(error)
                     return
 
     thread = threading.Thread(target=work, name="playback-follow", daemon=True)
     thread.start()
     try:
-        yield
+        yield lost
     finally:
         closed.set()
         thread.join(1.0)  # a read may hang

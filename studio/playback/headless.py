@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +12,15 @@ from pathlib import Path
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.playback.follow import following
-from studio.playback.pipeline import PlayedFrame, Run
-from studio.playback.shared import Shared
+from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import FrameStats, PlaybackReport
+from studio.playback.stream_frames import LeftOut, PlayedFrame, StreamFrames, nothing_playable
 from studio.stream import Source, StreamReader
 
+STARVED_AFTER = 0.5
+"""Time in seconds after which a fetch is considered slow: playback then waits for it instead of dropping its frames."""
+
+_LOOK_AGAIN = 0.05  # seconds between two looks at whether a live stream has grown
 _ROUNDING = 1e-6  # in frames: makes a frame due at its time despite floating-point errors
 
 
@@ -52,11 +56,14 @@ def play_headless(
         reader.index.group_of(start_frame)  # an error if there is no such frame
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
-        shared = Shared(reader)
+        rates = [one.bandwidth for one in reader.manifest.renditions]
+        rule = RateRule(rates) if reader.source.parallel > 1 and len(rates) > 1 else None
         stats: list[FrameStats] = []
         began = time.perf_counter()
-        with closing(_frames(shared, start_frame, realtime)) as frames:
-            for item in frames:
+        with following(reader) as lost, closing(StreamFrames(reader, rule=rule)) as frames:
+            for item, dropped in _in_order(frames, reader, start_frame, realtime, lost):
+                if rule is not None:
+                    rule.played(item.fetched.rendition, 1, dropped)
                 if item.frame >= stop:
                     break
                 figures = item.stats
@@ -70,75 +77,56 @@ def play_headless(
                 if item.frame == stop - 1:
                     break
             seconds = time.perf_counter() - began
-    skipped = tuple(group for group in shared.skipped if group.stop > start_frame and group.first_frame < stop)
+    skipped = tuple(group for group in frames.skipped if group.stop > start_frame and group.first_frame < stop)
     last = stats[-1].frame if stats else start_frame - 1
-    lost = sum(len(range(max(group.first_frame, start_frame), min(group.stop, last + 1))) for group in skipped)
-    return PlaybackReport(tuple(stats), last + 1 - start_frame - len(stats) - lost, seconds, skipped)
+    damaged = sum(len(range(max(group.first_frame, start_frame), min(group.stop, last + 1))) for group in skipped)
+    return PlaybackReport(tuple(stats), last + 1 - start_frame - len(stats) - damaged, seconds, skipped)
 
 
-def _frames(shared: Shared, start: int, realtime: bool) -> Generator[PlayedFrame]:
-    """The frames to show, to the end or an error. The threads run until it is closed."""
-    clock = _Clock(shared.reader, start) if realtime else None
-    with following(shared.reader, shared.grown, shared.lost):
-        run = Run(shared, start, None if clock is None else clock.due)
+def _in_order(
+    frames: StreamFrames, reader: StreamReader, start: int, realtime: bool, lost: Sequence[StudioError]
+) -> Iterator[tuple[PlayedFrame, int]]:
+    """The frames to show, to the end or an error, each with the number of those dropped before it.
+
+    The clock starts when the first frame is ready. It waits for slow fetches (a slow network, a server restart) and for
+    the next group of a live stream: they cost time, not frames.
+    """
+    shown, count = start - 1, reader.frame_count
+    clock: tuple[int, float] | None = None  # a frame, and since when it is due; None: it waits for the next one
+    played = False
+    while shown + 1 < count or _grown(reader, count, lost):
+        due = shown + 1
+        if clock is not None:
+            due = clock[0] + int((time.monotonic() - clock[1]) * reader.fps + _ROUNDING)
+        if shown + 1 >= count:
+            count = reader.frame_count
+            if due > shown:
+                clock, due = None, shown + 1
+        due = min(due, count - 1)
+        if due <= shown:
+            time.sleep(min(0.25 / reader.fps, 0.01))
+            continue
+        asked = time.monotonic()
         try:
-            yield from iter(run.ready.get, None) if clock is None else _due_frames(run, clock)
-            error = run.error or shared.replaced
-            if error is not None and not isinstance(error, StudioError):
-                problem = f"playback stopped ({type(error).__name__}: {error})"
-                raise StudioError("playback.failed", problem) from error
-            if error is not None:
-                raise error
-        finally:
-            run.stop()
-            shared.grown()
-            run.join()
+            item = frames.get(due, shown)
+        except LeftOut as error:
+            shown = error.stop - 1
+            if time.monotonic() - asked > STARVED_AFTER:
+                clock = None
+            continue
+        starved = item.fetched.seconds > STARVED_AFTER and item.fetched.at > asked
+        if realtime and (clock is None or starved):
+            clock = (item.frame, time.monotonic())
+        yield item, item.frame - shown - 1
+        shown, played = item.frame, True
+    if lost:
+        raise lost[0]
+    if not played and frames.skipped:
+        raise nothing_playable(f"no frame at or after frame {start} can be played", frames.skipped[0])
 
 
-def _due_frames(run: Run, clock: _Clock) -> Iterator[PlayedFrame]:
-    """The newest frame that is due, whenever there is one, to the end of the run."""
-    while not run.ready.over:
-        clock.follow(run)
-        due, newest = clock.due(), None
-        while (item := run.ready.peek()) is not None and item.frame <= due:
-            newest = run.ready.get()
-        if newest is None:
-            time.sleep(clock.pause)
-        else:
-            yield newest
-
-
-class _Clock:
-    """Says which frame is due. It starts when the first frame is ready, and waits for slow fetches (a slow network, a
-    server restart) and for the next group of a live stream: they cost time, not frames."""
-
-    def __init__(self, reader: StreamReader, frame: int) -> None:
-        self._reader = reader
-        self._count = reader.frame_count
-        self._state: tuple[int, float | None] = (frame, None)  # a frame, and since when it is due; None: it waits
-        self.pause = min(0.25 / reader.fps, 0.01)
-
-    def due(self) -> int:
-        """The frame to show now, at most the last one; other threads may ask, too."""
-        return min(self._elapsed(), self._count - 1)
-
-    def _elapsed(self) -> int:
-        frame, since = self._state
-        return frame if since is None else frame + int((time.monotonic() - since) * self._reader.fps + _ROUNDING)
-
-    def follow(self, run: Run) -> None:
-        """Wait for the next frame where it is late for reasons other than decoding, and go on once it is ready."""
-        count = self._reader.frame_count
-        if self._elapsed() >= self._count and (self._reader.live or count > self._count):
-            self._wait_for(self._count)
-        self._count = count
-        starved = run.starved_at
-        if starved is not None and self.due() >= starved:
-            self._wait_for(starved)
-        first, (frame, since) = run.ready.peek(), self._state
-        if first is not None and since is None and first.frame >= frame:  # frames in between are damaged
-            self._state = (first.frame, time.monotonic())
-
-    def _wait_for(self, frame: int) -> None:
-        if self._state[1] is not None:
-            self._state = (frame, None)
+def _grown(reader: StreamReader, count: int, lost: Sequence[StudioError]) -> bool:
+    """Wait until a live stream has more than `count` frames; False if it is complete or was replaced by another one."""
+    while reader.live and not lost and reader.frame_count <= count:
+        time.sleep(_LOOK_AGAIN)
+    return reader.frame_count > count

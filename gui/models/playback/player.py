@@ -13,7 +13,7 @@ from gui.models.playback.image_zoom import ImageZoom
 from gui.models.playback.other_source import OTHER, OTHERS, OtherSource
 from gui.models.playback.sources import Opened, first_whole, open_path, reach_of, take_contents, thinned
 from gui.models.playback.stream_audio import StreamAudio
-from gui.models.playback.stream_source import LeftOut, StreamSource
+from gui.models.playback.stream_source import StreamSource
 from gui.models.playback.transport import Transport
 from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Rest, Viewpoint
 from gui.models.scene.compose import draw
@@ -26,7 +26,7 @@ from pipelines.share.cast_frames import CastFrames
 from pipelines.takes.videos import FALLBACK_FPS
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.playback import SoundDevice
+from studio.playback import LeftOut, SoundDevice
 
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Frames appear here as Train and Bake run."
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.models.playback.stream_source import LeftOut, StreamSource, frame_cache
+from gui.models.playback.stream_source import StreamSource, frame_cache
 from pipelines.config import load_config
 from pipelines.share.cast import is_cast
 from pipelines.share.cast_frames import CastFrames
@@ -25,6 +25,7 @@ from studio.edits.edit_list import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
 from studio.own_frame import in_own_frame
+from studio.playback import LeftOut
 from studio.stream import is_address
 
 REACH_FRAMES = 6  # number of trained frames from which `TrainedSource.reach` is known

@@ -5,8 +5,7 @@ import time
 import pytest
 
 from studio.playback import follow, play_headless
-from studio.playback.shared import Shared
-from studio.stream import BakeSettings, StreamReader
+from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
 
@@ -49,15 +48,3 @@ def test_another_stream_in_its_place_is_refused_at_the_end(publish, realtime):
     with refuses("stream.live_changed", value=["fps"]):
         play_headless(folder, realtime=realtime, on_frame=replace)
     assert seen[-1] == 5
-
-
-def test_waiting_for_more_ends_with_the_stream_or_on_request(publish):
-    with StreamReader.open(publish(2)) as reader:
-        shared = Shared(reader)
-        assert shared.wait_for_more(1, lambda: False) is True
-        assert shared.wait_for_more(2, lambda: True) is False
-        turns = iter((False, False, True))
-        assert shared.wait_for_more(2, lambda: next(turns)) is False
-        publish(2, live=False)
-        assert reader.refresh() or not reader.live
-        assert shared.wait_for_more(2, lambda: False) is False

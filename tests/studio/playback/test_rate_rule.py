@@ -6,7 +6,6 @@ from itertools import pairwise
 import pytest
 
 from studio.playback import RateRule, play_headless
-from studio.playback.shared import Shared
 from studio.stream import FolderSource, StreamReader
 from tests.studio.stream.conftest import turned_bodies, write_stream
 
@@ -106,12 +105,14 @@ def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkey
 
 def test_the_rule_hears_of_network_and_decoder(switching, monkeypatch):
     folder, _ = switching
+    fetched, shown = [], []
+    monkeypatch.setattr(RateRule, "fetched", lambda self, size, seconds: fetched.append(size))
+    monkeypatch.setattr(RateRule, "played", lambda self, *counts: shown.append(counts))
+    play_headless(folder)
+    assert (fetched, shown) == ([], [])  # a folder
+    monkeypatch.setattr(FolderSource, "parallel", 2)
+    play_headless(folder)
     with StreamReader.open(folder) as reader:
-        assert Shared(reader).rule is None  # a folder
-        monkeypatch.setattr(FolderSource, "parallel", 2)
-        shared = Shared(reader)
-        assert not shared.rule._throughput
-        group = shared.choose(0, 0.0)
-        shared.files(group)
-        assert shared.rule._throughput
-        assert group.id == min(reader.manifest.renditions, key=lambda one: one.bandwidth).id
+        smallest = reader.index.rendition_number(min(reader.manifest.renditions, key=lambda one: one.bandwidth).id)
+        assert fetched == [reader.index.group(number).renditions[smallest].bytes for number in range(15)]
+    assert shown == [(smallest, 1, 0)] * 60

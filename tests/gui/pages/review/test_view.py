@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gui.models.playback.sources import open_path
-from gui.models.playback.stream_source import LeftOut, StreamSource
+from gui.models.playback.stream_source import StreamSource
 from gui.models.scene.handles import crop_handles
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
@@ -18,6 +18,7 @@ from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.edits import EditList, Floaters, Trim, World
+from studio.playback import LeftOut
 from studio.stream import CapturePlace
 from tests.support.looping import heard
 from tests.support.players import newest

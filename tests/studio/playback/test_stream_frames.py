@@ -1,0 +1,33 @@
+"""Frames in any order, as a window wants them."""
+
+from contextlib import closing
+
+import pytest
+
+from studio.playback import LeftOut, StreamFrames, stream_frames
+from studio.stream import StreamReader
+from tests.support.streams import opacity_file
+
+
+def test_frames_in_any_order_are_the_ones_that_were_baked(stream):
+    with StreamReader.open(stream) as reader, closing(StreamFrames(reader, loop=True)) as frames:
+        for wanted in (3, 15, 0, 1, 9, 8, 14, 15, 0, 4, 5, 2):
+            found = frames.get(wanted)
+            assert (found.frame, round(found.gaussians.means[0, 0].item())) == (wanted, wanted)
+        assert 3 < frames.get(7, 3).frame <= 7
+
+
+def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
+    file = opacity_file(stream, 1)
+    content = file.read_bytes()
+    file.unlink()
+    with StreamReader.open(stream) as reader, closing(StreamFrames(reader)) as frames:
+        with pytest.raises(LeftOut) as caught:
+            frames.get(7)
+        assert (caught.value.stop, [group.group for group in frames.skipped]) == (9, [1])
+        file.write_bytes(content)
+        with pytest.raises(LeftOut):
+            frames.get(6)
+        monkeypatch.setattr(stream_frames, "RETRY_SECONDS", 0)
+        assert frames.get(6).frame == 6
+        assert frames.skipped == ()
