@@ -14,6 +14,7 @@ from gui.drawing.icons import FONT
 from gui.drawing.palette import DIM, TEXT
 from gui.figures import QualityFigures
 from gui.models.loop import LOOP
+from gui.models.worker import close_all
 from gui.overlays import Overlays
 from gui.pages.start.panel import StartPanel
 from gui.platform.fonts import title_font, use_icons
@@ -136,10 +137,9 @@ class MainWindow(Shell):
         workspace.new_results.connect(self.player.refresh)
         exports.changed.connect(self.changed)
         exports.finished.connect(self._exported)
-        bakes = self.actions.bakes.bakes
-        for signal in (self.serving.started, self.serving.failed, bakes.changed, self.thumbnails.changed):
+        for signal in (self.serving.started, self.serving.failed, self.thumbnails.changed):
             signal.connect(lambda *_: self.changed())
-        self._marks_timer = LOOP.every(LOOK_EVERY, self._look_at_marks)
+        LOOP.every(LOOK_EVERY, self._look_at_marks)
 
     def _run_refused(self, why: str) -> None:
         self.notices.show(why, bad=True, topic="busy" if self.workspace.busy else "run")
@@ -199,25 +199,15 @@ class MainWindow(Shell):
 
     def closed(self) -> None:
         """After the last tick: end threads, close files. A job keeps running."""
-        self.views.close()
+        self.player.close()
         self.serving.stop()
         self.stages.estimates.stop()
-        self.actions.new_take_dialog.close()
-        self.actions.queue.queue.close()
-        self.actions.start.close()
-        self.actions.clipboard.close()
-        self.actions.bakes.close()
-        self.actions.edits.counter.close()
-        self.thumbnails.close()
-        self.timeline.filmstrip.close()
-        self.workspace.close()
-        self.places.worker.close()
-        LOOP.stop(self._marks_timer)
+        close_all()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
+        self.views.forget()
         self._keep_alive = None
-        self.input.close()
-        self.x.close()
-        self._log.close()
+        for one in (self.actions.clipboard, self.input, self.x, self._log):
+            one.close()
 
     # User actions
 

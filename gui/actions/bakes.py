@@ -4,36 +4,48 @@ from pathlib import Path
 
 from gui.drawing.palette import BAD, DIM
 from gui.models.playback.other_source import OtherSource, open_other
-from gui.models.take.bakes import Bakes, bake_words
 from gui.models.worker import Done, LatestWorker
 from gui.shell import Shell
 from gui.widgets.dialogs.base import Answer, filled, in_lines
 from gui.widgets.dialogs.folder import ask_path
 from gui.widgets.picture import color
 from pipelines.events import as_message
-from pipelines.takes.kept_bakes import KeptBake
+from pipelines.takes.atomic_files import disk_errors
+from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
+from pipelines.takes.take import Take
+from studio.counts import size_words
 
 NAME = "bakes"
 ROWS, MESSAGE_LINES = 8, 2
 
 Place = tuple[Path, str, Path | None, bool]
+Kept = tuple[Take, str]
 
 
 class BakeActions:
-    """See the module; it acts through the main window."""
+    """See the module; it acts through the main window. `rows`: the bakes that are kept."""
 
     def __init__(self, window: Shell) -> None:
         self._window = window
-        self.bakes = Bakes()
+        self.rows: list[KeptBake] = []
+        self._words, self._failed = "", False
         self._opener: LatestWorker[Place, OtherSource] = LatestWorker(
             lambda place: open_other(*place), "v3studio other", self._opened
         )
-        self.bakes.changed.connect(self._changed)
+        self._keeper: LatestWorker[Kept, str] = LatestWorker(_keep, "v3studio bakes", self._kept)
+
+    def look(self) -> None:
+        """Read which bakes are kept."""
+        take = self._window.workspace.take
+        try:
+            self.rows = kept_bakes(take) if take is not None else []
+        except OSError as error:  # one is being removed
+            self._words, self._failed = str(error), True
 
     def show(self) -> None:
         window, dialogs = self._window, self._window.dialogs
         take, other = window.workspace.take, window.player.other
-        self.bakes.look(take)
+        self.look()
         self._baked = take is not None and window.workspace.row("bake").state == "done"
         self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label(in_lines("", MESSAGE_LINES))
@@ -53,22 +65,23 @@ class BakeActions:
         self._update()
 
     def _update(self) -> None:
-        dialogs, bakes = self._window.dialogs, self.bakes
-        dialogs.lines = [bake_words(row) for row in bakes.rows]
+        dialogs = self._window.dialogs
+        dialogs.lines = [bake_words(row) for row in self.rows]
         self._list.set_items(filled(dialogs.lines or ["No bakes are kept."], ROWS))
-        self._message.text = in_lines(bakes.message, MESSAGE_LINES)
-        self._message.text_color = color(BAD if bakes.failed else DIM)
+        self._message.text = in_lines(self._words, MESSAGE_LINES)
+        self._message.text_color = color(BAD if self._failed else DIM)
         self._enable()
 
     def _enable(self) -> None:
-        bakes, widgets = self.bakes, self._window.dialogs.widgets
+        widgets = self._window.dialogs.widgets
         widgets["compare"].enabled = self._selected is not None
-        widgets["keep"].enabled = self._baked and not bakes.busy and not bakes.is_kept
+        is_kept = any(row.is_stream for row in self.rows)
+        widgets["keep"].enabled = self._baked and self._keeper.idle and not is_kept
 
     @property
     def _selected(self) -> KeptBake | None:
-        at, rows = self._list.selected_index, self.bakes.rows
-        return rows[at] if 0 <= at < len(rows) else None
+        at = self._list.selected_index
+        return self.rows[at] if 0 <= at < len(self.rows) else None
 
     def _select(self, _label: str, twice: bool) -> None:
         if twice:
@@ -103,22 +116,28 @@ class BakeActions:
             return
 
         def keep(name: str) -> None:
-            self.bakes.keep(take, name.strip())
+            self.keep(take, name.strip())
             self.show()
 
         name = f"qp{config.bake.qp}" if config is not None else ""
         answer = ("save", "Keep", keep)
         window.dialogs.line("keep", "Keep the stream", "Name of the bake:", name, answer, cancel=self.show)
 
-    def _changed(self) -> None:
-        window = self._window
-        if not self.bakes.failed:
-            window.notices.clear("bakes")
-        window.notices.show(self.bakes.message, bad=self.bakes.failed, topic="bakes")
-        self.bakes.look(window.workspace.take)
+    def keep(self, take: Take, name: str) -> None:
+        """Keep a take's bake, on a thread."""
+        self._words, self._failed = "Working ...", False
+        self._keeper.ask((take, name))
+
+    def _kept(self, done: Done[Kept, str]) -> None:
+        window, error = self._window, done.error
+        self._words, self._failed = str(as_message(error) if error is not None else done.result), error is not None
+        if window.notices.outcome("bakes", self._words if self._failed else ""):
+            window.notices.show(self._words, topic="bakes")
+        self.look()
         window.player.refresh()
         if window.dialogs.name == NAME:
             self._update()
+        window.changed()
 
     def _opened(self, done: Done[Place, OtherSource]) -> None:
         window = self._window
@@ -130,6 +149,24 @@ class BakeActions:
             window.player.compare_with(done.result)
         window.changed()
 
-    def close(self) -> None:
-        self.bakes.close()
-        self._opener.close()
+
+def bake_words(kept: KeptBake) -> str:
+    """A kept bake in one line."""
+    parts = [
+        kept.name,
+        f"quality {kept.quality}",
+        f"{size_words(kept.summary.bytes_per_frame)} per frame",
+        size_words(kept.bytes),
+        "not evaluated" if kept.psnr is None else f"{kept.psnr:.2f} dB",
+        "the take's stream" if kept.is_stream else "",
+        "" if kept.current else "older training",
+        "" if kept.same_edits else "other edits",
+        "other settings" if kept.other_settings else "",
+    ]
+    return "    ".join(filter(None, parts))
+
+
+def _keep(asked: Kept) -> str:
+    take, name = asked
+    with take.locked("v3studio-gui, bakes"), disk_errors(take.root):
+        return f"Kept as '{keep_bake(take, name).name}'."

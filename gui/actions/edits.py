@@ -38,7 +38,7 @@ class EditActions:
     def __init__(self, window: Shell) -> None:
         self._window = window
         self._known = EditList()
-        self.counter: LatestWorker[Removal, list[int]] = LatestWorker(self._count, "v3studio count", self._counted)
+        self._counter: LatestWorker[Removal, list[int]] = LatestWorker(self._count, "v3studio count", self._counted)
         self._removal: Removal | None = None
         views, notices = window.views, window.notices
         views.edit_dialog.connect(later(lambda key: self._list() if key == "list" else self._numbers()))
@@ -141,7 +141,7 @@ class EditActions:
         window.dialogs.choose("remove", "Remove from", list(ranges), lambda line: remove(ranges[line]), note=REMOVED)
         removals = {words: editor.reaching(frames) for words, frames in ranges.items()}
         self._removal = window.workspace.take, editor.edits, removals
-        self.counter.ask(self._removal)
+        self._counter.ask(self._removal)
 
     def _count(self, removal: Removal) -> list[int]:
         def progress(*_: object, **_figures: object) -> None:

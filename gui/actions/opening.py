@@ -19,14 +19,14 @@ class Opening:
 
     def __init__(self, window: Shell, ended: Callable[[bool], object]) -> None:
         self._window, self._ended = window, ended
-        self.worker: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
+        self._worker: LatestWorker[str, Loaded] = LatestWorker(load, "v3studio open", self._loaded)
 
     def open(self, place: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
         window = self._window
         window.workspace.opening = place
         window.notices.show(f"Opening {place} ...", topic="open")
-        self.worker.ask(place)
+        self._worker.ask(place)
 
     def _loaded(self, done: Done[str, Loaded]) -> None:
         window, error = self._window, done.error

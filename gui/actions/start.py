@@ -139,10 +139,6 @@ class StartActions:
         if problem:
             self._window.notices.show(problem, bad=True, topic="open")
 
-    def close(self) -> None:
-        LOOP.stop(self._timer)
-        self.page.close()
-
 
 def path_in(text: str) -> str:
     """The path or URL in copied text, without spaces and quotes around it; a file manager's `file://` URL as a path."""

@@ -68,8 +68,9 @@ class Loop:
         self._timers.append(timer)
         return timer
 
-    def stop(self, timer: Timer) -> None:
-        self._timers = [one for one in self._timers if one is not timer]
+    def stop(self) -> None:
+        """End all timers."""
+        self._timers.clear()
 
     def run(self) -> None:
         """Call what is posted and due. What a callback raises comes out; the rest is called at the next run."""
@@ -77,7 +78,7 @@ class Loop:
             self._posted.popleft()()
         for timer in list(self._timers):
             if not timer.run():
-                self.stop(timer)
+                self._timers.remove(timer)
 
 
 LOOP = Loop()  # the loop of the window's thread

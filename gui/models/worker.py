@@ -7,7 +7,7 @@ renderer drops frames but does not lag.
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from gui.models.loop import LOOP
 
@@ -26,22 +26,25 @@ class Done(Generic[Request, Result]):
 
 class LatestWorker(Generic[Request, Result]):
     """Runs `work` on a separate thread, always on the newest request; an exception becomes the result's `error`. `done`
-    is called with each finished request on the window's thread; None to `take` them instead."""
+    is called with each finished request on the window's thread; None to `take` them instead. `ended` is called
+    last, on the thread."""
 
     def __init__(
         self,
         work: Callable[[Request], Result],
         name: str,
         done: Callable[[Done[Request, Result]], object] | None = None,
+        ended: Callable[[], object] = lambda: None,
     ) -> None:
-        self._work, self._done = work, done
+        self._work, self._done, self._ended = work, done, ended
         self._condition = threading.Condition()
         self._waiting: tuple[Request] | None = None
         self._finished: Done[Request, Result] | None = None
         self._busy = False
-        self._closed = False
+        self.closed = False  # what is in progress may end early
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
+        _OPEN.append(self)
 
     def ask(self, request: Request) -> None:
         """Put a request in the slot, replacing a waiting one."""
@@ -61,22 +64,22 @@ class LatestWorker(Generic[Request, Result]):
         with self._condition:
             return self._waiting is None and not self._busy
 
-    def close(self, timeout: float = 5.0) -> bool:
-        """Drop the waiting request and end the thread after the current one. Returns whether it ended in time."""
+    def close(self) -> bool:
+        """Drop the waiting request and end the thread after the current one. Returns whether it ended in 5 seconds."""
         with self._condition:
-            self._closed = True
+            self.closed = True
             self._waiting = None
             self._condition.notify_all()
-        self._thread.join(timeout)
+        self._thread.join(5.0)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
         while True:
             with self._condition:
-                while self._waiting is None and not self._closed:
+                while self._waiting is None and not self.closed:
                     self._condition.wait()
-                if self._closed:
-                    return
+                if self.closed:
+                    break
                 assert self._waiting is not None
                 (request,) = self._waiting
                 self._waiting = None
@@ -94,8 +97,20 @@ class LatestWorker(Generic[Request, Result]):
             del request, result, failure  # what they hold, such as footage, is not kept until the next request
             if self._done is not None:
                 LOOP.post(self._deliver)
+        self._ended()
 
     def _deliver(self) -> None:
         finished = self.take()
-        if finished is not None and self._done is not None and not self._closed:
+        if finished is not None and self._done is not None and not self.closed:
             self._done(finished)
+
+
+_OPEN: list[LatestWorker[Any, Any]] = []
+
+
+def close_all() -> bool:
+    """End all timers and threads, with the window. Returns whether the threads ended in time."""
+    LOOP.stop()
+    ended = [worker.close() for worker in _OPEN]
+    _OPEN.clear()
+    return all(ended)

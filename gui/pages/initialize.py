@@ -70,11 +70,10 @@ class InitializeView(OrbitView):
         canvas.text(self.em, 0.7 * self.em, words, small, DIM)
         return canvas.pixels
 
-    def close(self) -> bool:
+    def forget(self) -> None:
         """See `StageView`. Open3D exits with an error if one of its meshes outlives it."""
-        ended = super().close()
+        super().forget()
         self._groups.clear()
-        return ended
 
 
 def _read(folder: Path) -> tuple[RaycastMesh, Cloud]:

@@ -132,10 +132,6 @@ class StageView:
     def forget(self) -> None:
         """Free the previous take's large buffers."""
 
-    def close(self) -> bool:
-        """End the thread. Returns whether it ended in time."""
-        return self._worker.close()
-
 
 class OrbitView(StageView):
     """A stage view of a 3D scene: drags orbit and pan, the wheel zooms. `home`: the initial view, which `draw` sets."""

@@ -346,8 +346,3 @@ class StageViews:
         alone = self.capture.camera != ""
         self.capture.camera = ""
         return alone
-
-    def close(self) -> bool:
-        """End all threads. Returns whether they ended in time."""
-        ended = [stage_view.close() for stage_view in self._all]
-        return self.player.close() and all(ended)

@@ -21,6 +21,7 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.sources import load
 from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
+from gui.models.worker import close_all
 from gui.pages.stage_views import StageViews
 from gui.widgets.raycast import RaycastMesh
 from pipelines.config import load_config
@@ -93,6 +94,13 @@ def take_copy(finished: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(finished / "take", tmp_path / "take"))
 
 
+@pytest.fixture(autouse=True)
+def threads_end() -> Iterator[None]:
+    """In time, as with the window."""
+    yield
+    assert close_all()
+
+
 @pytest.fixture
 def workspace() -> Iterator[Workspace]:
     """A workspace without a take."""
@@ -100,7 +108,6 @@ def workspace() -> Iterator[Workspace]:
     yield found
     if found.job is not None:
         found.job.cancel()
-    assert found.close()
 
 
 @pytest.fixture
@@ -108,7 +115,7 @@ def views(workspace: Workspace) -> Iterator[StageViews]:
     """The stage views of that workspace."""
     found = StageViews(workspace, PlayerPresenter(read_mesh=RaycastMesh))
     yield found
-    assert found.close()
+    assert found.player.close()
 
 
 @pytest.fixture

@@ -37,7 +37,9 @@ class Thumbnails:
     """See the module. Trained frames are used where there are any: each is read on its own."""
 
     def __init__(self) -> None:
-        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._draw, "v3studio thumbnails", self._drawn)
+        self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(
+            self._draw, "v3studio thumbnails", self._drawn, ended=self._close_source
+        )
         self.changed: Signal[[]] = Signal()
         self._pictures: MemoryCache[tuple[object, ...], tuple[object, np.ndarray | None]] = MemoryCache(KEPT)
         self._source: FrameSource | None = None
@@ -80,10 +82,3 @@ class Thumbnails:
         if self._source is not None:
             self._source.close()
         self._source = self._source_of = None
-
-    def close(self) -> bool:
-        """End the thread and close files. Returns whether the thread ended in time."""
-        ended = self._worker.close()
-        if ended:
-            self._close_source()
-        return ended

@@ -186,9 +186,3 @@ class TakeQueue:
             self.message = str(error)
         self._timer.soon()
         self.changed.emit()
-
-    def close(self) -> None:
-        """End the thread; the program that works through the queue keeps running."""
-        LOOP.stop(self._timer)
-        if self._worker is not None:
-            self._worker.close()

@@ -398,11 +398,6 @@ class Workspace:
             self._look_soon()
             self._notify()
 
-    def close(self) -> bool:
-        """End the thread; a job keeps running. Returns whether the thread ended in time."""
-        LOOP.stop(self._timer)
-        return self._worker.close()
-
 
 def modified(path: Path) -> int:
     """When a file or folder was changed, nanoseconds since 1970; 0 if it does not exist."""

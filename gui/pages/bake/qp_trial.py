@@ -47,18 +47,13 @@ class QpTrial:
         self.words = f"Group {part.index} ({frames}) baked at other QPs. PSNR: decoded against trained."
         self._worker.ask((of, Inputs(take, context.config), part))
 
-    def close(self) -> None:
-        """Stop before the next QP, for which nobody waits."""
-        self._of = None
-        self._worker.close(0.0)
-
     def _run(self, request: _Request) -> None:
         (of, context, part), results = request, self.results
         qps = sorted({*TRIED_QPS, context.config.bake.qp})
         # the extremes and the current one first: a curve is there early
         qps.sort(key=lambda qp: (qp != context.config.bake.qp, qp not in (TRIED_QPS[0], TRIED_QPS[-1]), qp))
         for qp in qps:
-            if of is not self._of:
+            if of is not self._of or self._worker.closed:
                 return
             settings = context.config.bake.replace(quality=qp, ladder=())
             results[qp] = measure(context, part, settings)

@@ -160,7 +160,3 @@ class BakeView(StageView):
     @property
     def status(self) -> str:
         return "Ctrl+C copies the table." if self.table_text else ""
-
-    def close(self) -> bool:
-        self.trial.close()
-        return super().close()

@@ -181,10 +181,6 @@ class CaptureView(StageView):
         if context is not None:
             self.footage_check.start(context)
 
-    def close(self) -> bool:
-        ended = self.footage_check.close()
-        return super().close() and ended
-
 
 class _Reduced:
     """The images and masks of a footage, at most some pixels wide; the newest ones are kept. Must not be modified."""
@@ -262,7 +258,6 @@ class FootageCheck:
     def __init__(self) -> None:
         self.words = ""
         self.problems: Sequence[str] = ()
-        self._closed = False
         self._worker: LatestWorker[Inputs, None] = LatestWorker(self._run, "v3studio check", self._ended)
 
     def start(self, context: Inputs) -> None:
@@ -271,11 +266,6 @@ class FootageCheck:
             self.words, self.problems = "checking the footage", ()
             self._worker.ask(context)
 
-    def close(self) -> bool:
-        """Stop at the next image. Returns whether the thread ended in time."""
-        self._closed = True
-        return self._worker.close()
-
     def _ended(self, done: Done[Inputs, None]) -> None:
         """Also taken so that the footage that was checked is not kept."""
         if done.error is not None:
@@ -283,7 +273,7 @@ class FootageCheck:
 
     def _run(self, context: Inputs) -> None:
         def progress(done: int, total: int, **figures: object) -> None:
-            if self._closed:
+            if self._worker.closed:
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
 

@@ -150,7 +150,3 @@ class StartPage:
         if names:
             at = names.index(self.focus) if self.focus in names else -1
             self.focus = names[(at + by) % len(names)]
-
-    def close(self) -> bool:
-        """End the thread. Returns whether it ended in time."""
-        return self._worker is None or self._worker.close()

@@ -156,7 +156,7 @@ class NewTakeDialog:
 
     def _examine(self, wanted: NewTake) -> Found:
         def progress(done: int, total: int, **_figures: object) -> None:
-            if self._asked is not wanted:
+            if self._asked is not wanted or self._worker.closed:
                 raise Cancelled
             LOOP.post(lambda: self._tell(wanted, done, total))
 
@@ -252,11 +252,6 @@ class NewTakeDialog:
     def _close(self) -> None:
         self._asked = None
         self._dialogs.close()
-
-    def close(self) -> bool:
-        """End the thread. Returns whether it ended in time."""
-        self._asked = None
-        return self._worker.close()
 
 
 def words_beside(found: Found) -> str:

@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,7 +33,7 @@ class Chosen:
 
 
 @pytest.fixture
-def stand_in(workspace: Workspace, take_copy: Path) -> Iterator[Any]:
+def stand_in(workspace: Workspace, take_copy: Path) -> Any:
     """A window with the finished take, as far as its edits go."""
     workspace.open(Take.open(take_copy))
     editor, rig = EditView(workspace), read_rig(take_copy / "calibrate" / "rig.json")
@@ -48,10 +47,8 @@ def stand_in(workspace: Workspace, take_copy: Path) -> Iterator[Any]:
         notices=Notices(), player=SimpleNamespace(refresh=lambda: None, transport=Transport(5, 25.0)),
         over_view=lambda x, y: False, changed=lambda: None,
     )  # fmt: skip
-    actions = EditActions(window)
-    yield window
-    actions.counter.close()
-    editor.close()
+    EditActions(window)
+    return window
 
 
 def splats(take: Path) -> list[int]:

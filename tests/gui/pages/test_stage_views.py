@@ -243,7 +243,6 @@ def test_a_new_take_from_footage_in_object_storage(
     points.state()
     with pytest.raises(StudioError, match=r"s3://studio/day1/points\.yaml: the window cannot save"):
         points.draw(SIZE, points.state())
-    assert points.close()
     assert not list(tmp_path.glob("s3*")), "no folder is named like the address"
 
 

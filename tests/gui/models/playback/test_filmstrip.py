@@ -31,7 +31,6 @@ def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(stream_folder: Path
         assert before
         assert panel.filmstrip.pictures(player, [0, 4], (40, 50)) == {}
         assert panel.plots_view.strip == 0, "no room for it either"
-        assert panel.filmstrip.close()
         assert len(asked) == before
     player.adopt(*load(stream_folder))
     assert panel.plots_view.strip > 0

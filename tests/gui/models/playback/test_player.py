@@ -130,7 +130,6 @@ def test_worker_drops_what_is_overtaken_and_reports_errors() -> None:
     done = worker.take()
     assert isinstance(done.error, ValueError)
     assert worker.take() is None
-    assert worker.close()
 
 
 def test_a_worker_does_not_keep_what_is_done() -> None:
@@ -142,4 +141,3 @@ def test_a_worker_does_not_keep_what_is_done() -> None:
     wait_until("idle", lambda: worker.idle)
     worker.take()
     wait_until("let go", lambda: kept() is None)
-    assert worker.close()

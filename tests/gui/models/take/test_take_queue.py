@@ -2,7 +2,6 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,10 +21,8 @@ def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
 
 
 @pytest.fixture
-def shown(tmp_path: Path) -> Iterator[TakeQueue]:
-    found = TakeQueue(QueueFile(tmp_path / "queue.json"), failing, itertools.count(0.0, 2 * LOOK_EVERY).__next__)
-    yield found
-    found.close()
+def shown(tmp_path: Path) -> TakeQueue:
+    return TakeQueue(QueueFile(tmp_path / "queue.json"), failing, itertools.count(0.0, 2 * LOOK_EVERY).__next__)
 
 
 def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:

@@ -119,7 +119,6 @@ def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None
             assert workspace.busy
             assert tuple(workspace.run.lanes["train"].values()) == groups
             assert workspace.row("train").state == "running"
-            assert workspace.close()
 
 
 def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:

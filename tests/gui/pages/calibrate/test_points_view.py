@@ -1,6 +1,5 @@
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -21,11 +20,9 @@ SIZE = (900, 600)
 
 
 @pytest.fixture
-def stage_view(workspace: Workspace, take_copy: Path) -> Iterator[PointsView]:
+def stage_view(workspace: Workspace, take_copy: Path) -> PointsView:
     workspace.open(Take.open(take_copy))
-    found = PointsView(workspace)
-    yield found
-    assert found.close()
+    return PointsView(workspace)
 
 
 def picture(stage_view: PointsView) -> np.ndarray:
@@ -151,4 +148,3 @@ def test_footage_that_is_gone(workspace: Workspace, take_copy: Path, tmp_path: P
     stage_view.click(450, 300)
     stage_view.wheel(0, 0, 1)
     assert not (take_copy / "points.yaml").exists()
-    assert stage_view.close()

@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -28,14 +27,13 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture
-def view(workspace: Workspace, take_copy: Path) -> Iterator[EditView]:
+def view(workspace: Workspace, take_copy: Path) -> EditView:
     workspace.open(Take.open(take_copy))
     view = EditView(workspace)
     rig = read_rig(take_copy / "calibrate" / "rig.json")
     orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP)
     view.begin(orbit, orbit, UP, np.zeros((0, 3)))
-    yield view
-    view.close()
+    return view
 
 
 def drawn(view: EditView) -> np.ndarray:

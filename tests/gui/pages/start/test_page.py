@@ -1,6 +1,5 @@
 import itertools
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,13 +12,10 @@ from tests.support.looping import wait_in_loop
 
 
 @pytest.fixture
-def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StartPage]:
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StartPage:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     queue = TakeQueue(QueueFile(tmp_path / "queue.json"))
-    found = StartPage(queue, True, itertools.count(0.0, LOOK_EVERY).__next__)  # seconds pass at each look
-    yield found
-    found.close()
-    queue.close()
+    return StartPage(queue, True, itertools.count(0.0, LOOK_EVERY).__next__)  # seconds pass at each look
 
 
 def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(

@@ -3,10 +3,6 @@ from pathlib import Path
 from gui.models.playback.other_source import OTHER, open_other
 from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.timeline_plots import plots_of
-from gui.models.take.bakes import Bakes, bake_words
-from pipelines.takes.settings_file import set_settings
-from pipelines.takes.take import Take
-from tests.support.looping import wait_in_loop
 from tests.support.players import settle
 
 
@@ -46,30 +42,3 @@ def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished: Path,
     psnr, size = plots_of({"psnr_decoded": [30.0] * 5, "bytes": [1000.0] * 5}, other={"bytes": [4000.0] * 5})
     assert size.range[1] > 4.0, "the axis covers both"
     assert psnr.range[0] < 30 < psnr.range[1]
-
-
-def test_bakes_are_kept_on_a_thread(take_copy: Path) -> None:
-    take, bakes = Take.open(take_copy), Bakes()
-
-    changes: list[str] = []
-    bakes.changed.connect(lambda: changes.append(bakes.message))
-
-    def done() -> str:
-        wait_in_loop("the change", lambda: changes)
-        changes.clear()
-        bakes.look(take)
-        return bakes.message
-
-    bakes.keep(take, "fine")
-    assert "'fine'" in done()
-    (row,) = bakes.rows
-    assert (row.name, row.is_stream, bakes.is_kept) == ("fine", True, True)
-    assert "dB" in bake_words(row)
-    assert "other settings" not in bake_words(row)
-    set_settings(take.config, {"capture.audio": "a.wav"})
-    bakes.look(take)
-    assert "other settings" in bake_words(bakes.rows[0])
-    bakes.keep(take, "a/b")
-    assert "cannot be the name" in done()
-    assert bakes.failed
-    assert bakes.close()

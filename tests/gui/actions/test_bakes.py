@@ -1,0 +1,31 @@
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from gui.actions.bakes import BakeActions, bake_words
+from gui.models.notices import Notices
+from gui.models.take.workspace import Workspace
+from pipelines.takes.settings_file import set_settings
+from pipelines.takes.take import Take
+from tests.support.looping import wait_in_loop
+
+
+def test_bakes_are_kept_on_a_thread(workspace: Workspace, take_copy: Path) -> None:
+    take, notices = Take.open(take_copy), Notices()
+    workspace.open(take)
+    window: Any = SimpleNamespace(
+        workspace=workspace, notices=notices, player=SimpleNamespace(refresh=lambda: None),
+        dialogs=SimpleNamespace(name=""), changed=lambda: None,
+    )  # fmt: skip
+    bakes = BakeActions(window)
+    bakes.keep(take, "fine")
+    wait_in_loop("the bake", lambda: "'fine'" in notices.text)
+    (row,) = bakes.rows
+    assert (row.name, row.is_stream) == ("fine", True)
+    assert "dB" in bake_words(row)
+    assert "other settings" not in bake_words(row)
+    set_settings(take.config, {"capture.audio": "a.wav"})
+    bakes.look()
+    assert "other settings" in bake_words(bakes.rows[0])
+    bakes.keep(take, "a/b")
+    wait_in_loop("the refusal", lambda: notices.card is not None and "cannot be the name" in notices.card.text)
