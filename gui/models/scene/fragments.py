@@ -51,9 +51,6 @@ def line_fragments(camera: Camera, lines: Lines) -> np.ndarray:
     focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     pixels = ends[..., :2] / ends[..., 2:] * focal + middle
     inverse = 1 / ends[..., 2]  # changes linearly along a line in the image
-    margin = lines.width + 1
-    pixels, inverse, kept = _in_picture(pixels, inverse, camera.width, camera.height, margin)
-    colors = colors[kept]
     steep = np.abs(np.subtract(pixels[:, 1, 1], pixels[:, 0, 1])) > np.abs(pixels[:, 1, 0] - pixels[:, 0, 0])
     found = []
     for one in (False, True):
@@ -74,36 +71,17 @@ def _in_front(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ends, kept
 
 
-def _in_picture(
-    pixels: np.ndarray, inverse: np.ndarray, width: int, height: int, margin: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lines (M, 2, 2) cut at the edges of the image (Liang and Barsky 1984), and which of them are left."""
-    start, along = pixels[:, 0], pixels[:, 1] - pixels[:, 0]
-    low, high = np.zeros(len(pixels)), np.ones(len(pixels))
-    for axis, size in ((0, width), (1, height)):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bounds = np.stack([(-margin - start[:, axis]), (size + margin - start[:, axis])]) / along[:, axis]
-        flat = along[:, axis] == 0
-        outside = flat & ((start[:, axis] < -margin) | (start[:, axis] > size + margin))
-        bounds[0, flat], bounds[1, flat] = -np.inf, np.inf
-        low = np.where(outside, 2.0, np.maximum(low, bounds.min(axis=0)))
-        high = np.minimum(high, bounds.max(axis=0))
-    kept = low < high
-    share = np.stack([low, high], axis=1)[kept]
-    cut = start[kept, None] + share[..., None] * along[kept, None]
-    slope = (inverse[kept, 1] - inverse[kept, 0])[:, None]
-    return cut, inverse[kept, :1] + share * slope, kept
-
-
 def _spans(
     camera: Camera, pixels: np.ndarray, inverse: np.ndarray, colors: np.ndarray, width: float, steep: bool
 ) -> np.ndarray:
     """The pixels of lines that go along x, or along y (`steep`)."""
     along, across = (1, 0) if steep else (0, 1)
+    size = (camera.width, camera.height)
     backwards = pixels[:, 0, along] > pixels[:, 1, along]
     pixels[backwards], inverse[backwards] = pixels[backwards, ::-1], inverse[backwards, ::-1]
-    first = np.ceil(pixels[:, 0, along] - 0.5).astype(np.int64)
-    count = np.maximum(np.floor(pixels[:, 1, along] - 0.5).astype(np.int64) - first + 1, 0)
+    first = np.ceil(np.clip(pixels[:, 0, along] - 0.5, 0, size[along])).astype(np.int64)
+    last = np.floor(np.clip(pixels[:, 1, along] - 0.5, -1, size[along] - 1)).astype(np.int64)
+    count = np.maximum(last - first + 1, 0)
     line = np.repeat(np.arange(len(pixels)), count)
     at = first[line] + np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
     length = np.maximum(pixels[:, 1, along] - pixels[:, 0, along], 1e-9)
@@ -114,11 +92,10 @@ def _spans(
     tilt = 1 / np.sqrt(1 + slope**2)
     reach = int(np.ceil(width))
     found = []
-    limits = (camera.height, camera.width) if steep else (camera.width, camera.height)
     for step in range(-reach, reach + 1):
         side = np.floor(minor).astype(np.int64) + step
         cover = np.clip(0.5 * width + 0.5 - np.abs(side + 0.5 - minor) * tilt[line], 0, 1)
-        good = (cover > 0) & (at >= 0) & (side >= 0) & (at < limits[0]) & (side < limits[1])
+        good = (cover > 0) & (side >= 0) & (side < size[across])
         row, column = (at, side) if steep else (side, at)
         found.append(fragments((row * camera.width + column)[good], depth[good], cover[good], colors[line[good]]))
     return np.concatenate(found)
