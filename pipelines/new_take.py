@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from pipelines.config import Config, dump_config, load_config
 from pipelines.config.presets import PRESETS, preset_here, with_values
 from pipelines.inspection import Inspection, inspect
 from pipelines.takes.atomic_files import disk_errors, write_text
-from pipelines.takes.camera_uses import USES, CameraUses
+from pipelines.takes.camera_uses import USES, camera_uses, settings_of_uses
 from pipelines.takes.drawn_masks import for_another_take
 from pipelines.takes.take import Take
 from studio.counts import counted
@@ -31,7 +32,7 @@ class Found:
     fps: float | None = None
     inspection: Inspection = field(default_factory=Inspection)  # what was found; empty if the footage cannot be opened
     images: tuple[str, ...] = ()  # patterns of the footage to choose from; empty if there is only one
-    uses: CameraUses = field(default_factory=lambda: CameraUses({}))  # what the settings use each camera for
+    uses: Mapping[str, str] = field(default_factory=dict)  # what the settings use each camera for, of `USES`
 
 
 @dataclass
@@ -49,7 +50,7 @@ class NewTake:
     audio: str = ""  # sound file
     preset: str = ""  # one of `PRESETS`; "" without settings is that for this machine
     frames: str = ""  # "60 to 83"; empty for those of the settings
-    uses: CameraUses | None = None  # what each camera is used for; None: as the settings say
+    uses: Mapping[str, str] | None = None  # what each camera is used for; None: as the settings say
 
     def unchosen(self) -> dict[str, str]:
         """Of what is chosen in lists, the words for "", by attribute."""
@@ -68,7 +69,7 @@ class NewTake:
             values["capture.frames"] = f"{span[0]}:{span[1] + 1}"
         config = self._chosen()
         if self.uses is not None:
-            values |= self.uses.settings(config.capture)
+            values |= settings_of_uses(self.uses, config.capture)
         return with_values(config, values) if values else config
 
     def span(self) -> tuple[int, int] | None:
@@ -119,15 +120,15 @@ class NewTake:
         try:
             config = replace(self, uses=None, frames="").config()  # what there is to choose from
             found = inspect(config.capture, progress)
-            uses = CameraUses.of(config.capture)
+            uses = camera_uses(config.capture)
         except StudioError as error:
             images = tuple(error.value) if error.code == "footage.ambiguous_layout" else ()
             return Found(str(error), images=images)
         problems = found.problems
         more = f"{counted(len(problems), 'problem')}: {problems[0]}\n" if problems else ""
         given = (None if self.fps.strip() else config.capture.fps) or found.filmed_fps  # as `open_footage`
-        left_out = [name for name in found.cameras if name not in found.used]
-        return Found(more + "\n".join(found.lines), given, found, uses=uses.with_use("not used", *left_out))
+        uses |= {name: "not used" for name in found.cameras if name not in found.used}
+        return Found(more + "\n".join(found.lines), given, found, uses=uses)
 
     def proposed_take(self) -> str:
         """Path of a new folder next to the footage, or in the home folder if none can be made there; in the working
@@ -166,14 +167,9 @@ class NewTake:
         return take.root
 
 
-def next_use(uses: CameraUses, camera: str) -> CameraUses:
-    """A copy with the next use of a camera."""
-    return uses.with_use(USES[(USES.index(uses.uses[camera]) + 1) % len(USES)], camera)
-
-
-def uses_words(uses: CameraUses) -> str:
+def uses_words(uses: Mapping[str, str]) -> str:
     """How many cameras are used for what."""
-    counts = {use: list(uses.uses.values()).count(use) for use in USES}
+    counts = {use: list(uses.values()).count(use) for use in USES}
     train = counts.pop("training")
     return ", ".join(
         [f"{counted(train, 'camera')} for training", *(f"{count} {use}" for use, count in counts.items() if count)]

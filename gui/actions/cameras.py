@@ -1,5 +1,6 @@
 """What a click on a camera does, its menu, and the list of all cameras."""
 
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,7 @@ from gui.shell import Shell
 from gui.widgets.camera_menu import Item
 from gui.widgets.dialogs.camera import ask_cameras
 from gui.widgets.dialogs.worst import WorstDialog
-from pipelines.takes.camera_uses import CameraUses
+from pipelines.takes.camera_uses import camera_uses, settings_of_uses
 from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration.report import CalibrationReport
@@ -94,9 +95,9 @@ class CameraActions:
         window = self._window
         take = window.workspace.take
         uses = self._uses()
-        if take is None or uses is None or camera not in uses.uses:
+        if take is None or uses is None or camera not in uses:
             return
-        use = uses.uses[camera]
+        use = uses[camera]
         items: list[Item] = [
             ("look", "Look through", lambda: self.look_through(camera)),
             ("masks", "Show its masks", lambda: self._masks(camera)),
@@ -112,12 +113,12 @@ class CameraActions:
         )
         window.window.set_needs_layout()
 
-    def _uses(self) -> CameraUses | None:
+    def _uses(self) -> dict[str, str] | None:
         context = self._window.workspace.context
         if context is None:
             return None
         with self._window.notices.reporting("cameras"):
-            return CameraUses.of(context.capture)
+            return camera_uses(context.capture)
         return None
 
     def _use(self, camera: str, use: str) -> None:
@@ -125,7 +126,7 @@ class CameraActions:
         if uses is None:
             return
         words = _USES[use][1].format(camera)
-        refused = self._change(uses.with_use(use, camera), words)
+        refused = self._change({**uses, camera: use}, words)
         notices = self._window.notices
         if notices.outcome("camera use", refused):
             notices.show(f"{words[0].upper()}{words[1:]}: Ctrl+Z undoes it.")
@@ -140,13 +141,13 @@ class CameraActions:
             return
         ask_cameras(window.dialogs, uses, partial(self._change, words="the uses of cameras"))
 
-    def _change(self, uses: CameraUses, words: str) -> str:
+    def _change(self, uses: Mapping[str, str], words: str) -> str:
         """Write the cameras' uses to the settings; returns why that was refused, "" if it was not."""
         workspace = self._window.workspace
         if workspace.config is None:
             return "Open a take first."
         try:
-            workspace.change_settings(uses.settings(workspace.config.capture), words)
+            workspace.change_settings(settings_of_uses(uses, workspace.config.capture), words)
         except StudioError as error:
             return str(error)
         return ""

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from functools import lru_cache
 
 from gui.models.stages import Inputs
-from pipelines.takes.camera_uses import CameraUses
+from pipelines.takes.camera_uses import camera_uses
 from studio.errors import StudioError
 
 
@@ -15,8 +15,7 @@ def held_out_cameras(context: Inputs | None) -> tuple[str, ...]:
     if context is None:
         return ()
     try:
-        uses = CameraUses.of(context.capture).uses
-        return tuple(name for name, use in uses.items() if use == "held out")
+        return tuple(name for name, use in camera_uses(context.capture).items() if use == "held out")
     except StudioError:  # the Capture view shows the error
         return context.config.capture.held_out
 

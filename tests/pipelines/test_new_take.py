@@ -8,7 +8,7 @@ from PIL import Image
 
 from pipelines.config import load_config, presets
 from pipelines.config.presets import preset_of
-from pipelines.new_take import CALIBRATE, NewTake, next_use, uses_words
+from pipelines.new_take import CALIBRATE, NewTake, uses_words
 from studio.capture import open_footage
 from tests.support.errors import refuses
 
@@ -54,11 +54,11 @@ def test_frames_and_cameras_are_chosen(project: Path) -> None:
     found = new.found(lambda done, total, **_: counts.append((done, total)))
     inspection = found.inspection
     assert inspection.frames == tuple(range(5))
-    assert list(inspection.thumbnails) == list(found.uses.uses) == [f"cam{number}" for number in range(6)]
+    assert list(inspection.thumbnails) == list(found.uses) == [f"cam{number}" for number in range(6)]
     assert list(inspection.strip) == [0, 1, 2, 3, 4]
     assert counts == [(done, 11) for done in range(11)], "6 cameras and 5 frames"
     assert inspection.suggested == ("cam5",)
-    new.uses = next_use(next_use(found.uses.with_use("held out", *inspection.suggested), "cam0"), "cam0")
+    new.uses = {**found.uses, **dict.fromkeys(inspection.suggested, "held out"), "cam0": "not used"}
     assert uses_words(new.uses) == "4 cameras for training, 1 held out, 1 not used"
     new.frames = "1 to 3"
     capture = load_config(new.create() / "config.yaml").capture
@@ -105,7 +105,7 @@ def test_cameras_without_masks_are_not_used(tmp_path: Path) -> None:
     assert "capture.held_out: [c]" in advice, "b, which is for evaluation, has no masks"
     assert all("masks" in line for line in lines if "'b'" in line)
     assert found.inspection.unmasked == ("b",)
-    assert found.uses.uses == {"a": "training", "b": "not used", "c": "training"}
+    assert found.uses == {"a": "training", "b": "not used", "c": "training"}
     shutil.copytree(tmp_path / "shots" / "seg" / "a", tmp_path / "shots" / "seg" / "b")
     lines = NewTake(str(tmp_path / "shots")).found().inspection.lines
     (advice,) = (line for line in lines if "capture.held_out: " in line)

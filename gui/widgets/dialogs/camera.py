@@ -1,6 +1,6 @@
 """A dialog with all cameras: which of them are used, and which are held out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
@@ -8,25 +8,24 @@ from gui.models.held_out import held_out_first
 from gui.widgets.dialogs.base import Dialogs
 from gui.widgets.dialogs.form import refusal
 from gui.widgets.picture import lowered
-from pipelines.takes.camera_uses import CameraUses
 
 ROWS, COLUMNS = 17, 2  # of a page of cameras
 
 
 def ask_cameras(
-    dialogs: Dialogs, uses: CameraUses, save: Callable[[CameraUses], str], error: str = "", page: int = 0
+    dialogs: Dialogs, uses: Mapping[str, str], save: Callable[[Mapping[str, str]], str], error: str = "", page: int = 0
 ) -> None:
     """Ask for the use of every camera. `save`: called with the new uses; returns why they are refused, else ""."""
     em = dialogs.em
-    chosen = [uses]
+    chosen = dict(uses)
     boxes: dict[str, tuple[gui.Checkbox, gui.Checkbox]] = {}
 
     def ticked(camera: str, use: str) -> None:
-        chosen[0] = chosen[0].with_use(use, camera)
+        chosen[camera] = use
         used, held_out = boxes[camera]
         used.checked, held_out.checked = use != "not used", use == "held out"
 
-    names = held_out_first(uses.uses, [name for name, use in uses.uses.items() if use == "held out"])
+    names = held_out_first(uses, [name for name, use in uses.items() if use == "held out"])
     pages = -(-len(names) // (ROWS * COLUMNS))
     here = names[page * ROWS * COLUMNS :][: ROWS * COLUMNS]
     count = -(-len(here) // ROWS)
@@ -40,7 +39,7 @@ def ask_cameras(
             used, held_out = gui.Checkbox(""), gui.Checkbox("")
             used.tooltip = "Use this camera at all"
             held_out.tooltip = "Do not train on this camera; evaluate with it"
-            used.checked, held_out.checked = uses.uses[name] != "not used", uses.uses[name] == "held out"
+            used.checked, held_out.checked = uses[name] != "not used", uses[name] == "held out"
             used.set_on_checked(lambda on, name=name: ticked(name, "training" if on else "not used"))
             held_out.set_on_checked(lambda on, name=name: ticked(name, "held out" if on else "training"))
             boxes[name] = (used, held_out)
@@ -56,14 +55,14 @@ def ask_cameras(
     parts = [refusal(error) if error else dialogs.label(words), table]
 
     def done() -> None:
-        refused = save(chosen[0])
+        refused = save(chosen)
         if refused:
-            ask_cameras(dialogs, chosen[0], save, refused, page)
+            ask_cameras(dialogs, chosen, save, refused, page)
         else:
             dialogs.close()
 
     def turn() -> None:
-        ask_cameras(dialogs, chosen[0], save, page=(page + 1) % pages)
+        ask_cameras(dialogs, chosen, save, page=(page + 1) % pages)
 
     answers = [("save", "Save", done), ("close", "Cancel", dialogs.close)]
     if pages > 1:

@@ -18,7 +18,8 @@ from gui.widgets.dialogs.form import Form
 from gui.widgets.picture import ImagePanel, color, lowered, put
 from gui.widgets.settings import PRESET
 from pipelines.config.presets import PRESETS
-from pipelines.new_take import CALIBRATE, Found, NewTake, next_use, uses_words
+from pipelines.new_take import CALIBRATE, Found, NewTake, uses_words
+from pipelines.takes.camera_uses import USES
 from studio.errors import Cancelled, StudioError
 
 NAME = "new take"
@@ -179,7 +180,7 @@ class NewTakeDialog:
         new, found, dialogs = self._new, self._found, self._dialogs
         inspection, widgets = found.inspection, dialogs.widgets | dialogs.made
         words = self._error or in_page_words(found.words)
-        if found.uses.uses and not self._error:
+        if found.uses and not self._error:
             words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{words_beside(found)}"
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
         lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
@@ -203,7 +204,7 @@ class NewTakeDialog:
         for attribute, usual in new.unchosen().items():
             kept = getattr(new, attribute) or usual
             _set_items(self._lists[attribute], list(dict.fromkeys((usual, *there[attribute], kept))), kept)
-        uses = (new.uses or found.uses).uses
+        uses = new.uses or found.uses
         dialogs.lines = [f"{name}: {use}" for name, use in uses.items()]
         widgets["suggested"].enabled = bool(inspection.suggested) and "held out" not in uses.values()
         widgets["unmasked"].enabled = any(uses[name] == "training" for name in inspection.unmasked)
@@ -220,7 +221,7 @@ class NewTakeDialog:
         except StudioError:
             span = None
         words = self._words or ("" if found.cameras else " ")
-        uses = (self._new.uses or self._found.uses).uses
+        uses = self._new.uses or self._found.uses
         return FootageSheet(
             self._size, self._dialogs.em, found, uses, span or ((frames[0], frames[-1]) if frames else (0, 0)), words
         )
@@ -229,7 +230,7 @@ class NewTakeDialog:
 
     def _use(self, which: str, use: str) -> None:
         cameras, uses = getattr(self._found.inspection, which), self._new.uses or self._found.uses
-        self._new.uses = uses.with_use(use, *(name for name in cameras if uses.uses[name] == "training"))
+        self._new.uses = {**uses, **{name: use for name in cameras if uses[name] == "training"}}
         self._update()
 
     def _set_frames(self, text: str) -> None:
@@ -243,7 +244,8 @@ class NewTakeDialog:
             camera = sheet.camera_at(x, y)
             self._anchor = frame
             if camera:
-                self._new.uses = next_use(self._new.uses or self._found.uses, camera)
+                uses = self._new.uses or self._found.uses
+                self._new.uses = {**uses, camera: USES[(USES.index(uses[camera]) + 1) % len(USES)]}
                 self._update()
         elif event.type == kind.DRAG and self._anchor is not None and frame is not None and frame != self._anchor:
             self._set_frames(f"{min(self._anchor, frame)} to {max(self._anchor, frame)}")

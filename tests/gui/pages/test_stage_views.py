@@ -23,7 +23,7 @@ from gui.pages.train import NOT_RUN
 from pipelines.config import dump_config, load_config
 from pipelines.new_take import NewTake
 from pipelines.takes.atomic_files import write_text
-from pipelines.takes.camera_uses import CameraUses
+from pipelines.takes.camera_uses import camera_uses
 from pipelines.takes.take import Take
 from studio.edits import EditList
 from studio.errors import StudioError
@@ -236,7 +236,7 @@ def test_a_new_take_from_footage_in_object_storage(
     new.take = ""
     take = Take.open(new.create())
     config = load_config(take.config, [("calibrate.tie_points", "points.yaml")])
-    assert tuple(CameraUses.of(config.capture).uses) == tuple(f"cam{number}" for number in range(6))
+    assert tuple(camera_uses(config.capture)) == tuple(f"cam{number}" for number in range(6))
     write_text(take.config, dump_config(config))
     workspace.open(take)
     points = PointsView(workspace)
