@@ -26,6 +26,11 @@ def kernels_for(*tensors: Tensor) -> Any | None:
     return load_kernels() if "cpu" in available_backends() else None
 
 
+def uses_triton(tensor: Tensor) -> bool:
+    """Whether the Triton kernels of training compute with a tensor: float32 on an NVIDIA GPU, if Triton is there."""
+    return tensor.device.type == "cuda" and tensor.dtype == torch.float32 and "triton" in available_backends()
+
+
 @contextmanager
 def definitions_only() -> Iterator[None]:
     """In this block, `kernels_for` gives None: for tests and measurements."""

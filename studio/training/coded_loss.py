@@ -18,11 +18,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for
+from studio.rasterizer.kernels import kernels_for, uses_triton
+from studio.training.known_gradients import with_gradients
 from studio.training.noise import uniform
-from studio.training.triton.coded import coded_loss_triton
 
 _LEAST = 1e-30  # below any P that occurs, relative to the density at the nearer end
 
@@ -52,38 +51,22 @@ def bits_of_residual(residual: Tensor, mu: Tensor, sigma: Tensor) -> Tensor:
     return -torch.log2(scaled) - torch.where(holds_mean, 0.0, log_near) / math.log(2)
 
 
-class _Fused(torch.autograd.Function):
+def _fused(kernels: Any, loss: CodedLoss, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     """The weighted loss with its gradients, and the bits per splat, which have none."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, kernels: Any, loss: CodedLoss, seed: int, now: Tensor, mu: Tensor, log_sigma: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        count, channels = now.shape
-        columns = loss.owner
-        sigma = log_sigma.detach().exp()
-        gradient = torch.empty_like(now)
-        by_mu, by_sigma = (torch.empty(channels, dtype=torch.float64) for _ in range(2))
-        bits_weight = loss.entropy_weight / count
-        bits, difference = kernels.coded_loss(
-            now.detach().contiguous(), loss.before, loss.steps, mu.detach()[columns], sigma[columns], seed,
-            bits_weight, loss.temporal_weight / loss.pixels, gradient, by_mu, by_sigma, kernel_threads(),
-        )  # fmt: skip
-        zeros = torch.zeros(len(mu), dtype=torch.float64)
-        ctx.save_for_backward(
-            gradient,
-            (zeros.index_add(0, columns, by_mu) * bits_weight).to(mu.dtype),
-            (zeros.index_add(0, columns, by_sigma) * bits_weight).to(mu.dtype) * sigma,
-        )
-        per_splat = now.new_tensor(bits / count)
-        ctx.mark_non_differentiable(per_splat)
-        return now.new_tensor(bits_weight * bits + loss.temporal_weight / loss.pixels * difference), per_splat
-
-    @staticmethod
-    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
-        factor = float(upstream[0])
-        gradients = ctx.saved_tensors if factor == 1.0 else [one * factor for one in ctx.saved_tensors]
-        return None, None, None, *gradients
+    count, channels = now.shape
+    columns, mu, sigma = loss.owner, loss.mu.detach(), loss.log_sigma.detach().exp()
+    gradient = torch.empty_like(now)
+    by_mu, by_sigma = (torch.empty(channels, dtype=torch.float64) for _ in range(2))
+    bits_weight, difference_weight = loss.entropy_weight / count, loss.temporal_weight / loss.pixels
+    bits, difference = kernels.coded_loss(
+        now.detach().contiguous(), loss.before, loss.steps, mu[columns], sigma[columns], seed, bits_weight,
+        difference_weight, gradient, by_mu, by_sigma, kernel_threads(),
+    )  # fmt: skip
+    zeros = torch.zeros(len(mu), dtype=torch.float64)
+    by_mu, by_sigma = ((zeros.index_add(0, columns, one) * bits_weight).to(mu.dtype) for one in (by_mu, by_sigma))
+    value = now.new_tensor(bits_weight * bits + difference_weight * difference)
+    inputs, gradients = [now, loss.mu, loss.log_sigma], [gradient, by_mu, by_sigma * sigma]
+    return with_gradients(value, inputs, gradients), now.new_tensor(bits / count)
 
 
 class CodedLoss(nn.Module):
@@ -102,7 +85,7 @@ class CodedLoss(nn.Module):
         temporal_weight: weight of the temporal loss; 0: without.
 
     Attributes:
-        owner: (C,) int64, the index of the attribute of each channel.
+        owner: (C,) int32, the index of the attribute of each channel.
         mu, log_sigma: (attributes,) the learned means and logarithms of the deviations.
     """
 
@@ -120,7 +103,7 @@ class CodedLoss(nn.Module):
         super().__init__()
         self.before, self.steps, self.pixels = before.detach().contiguous(), steps, pixels
         self.entropy_weight, self.temporal_weight = entropy_weight, temporal_weight
-        owner = torch.zeros(before.shape[1], dtype=torch.long)
+        owner = torch.zeros(before.shape[1], dtype=torch.int32)
         for index, columns in enumerate(attributes.values()):
             owner[columns] = index
         self.register_buffer("owner", owner.to(before.device))
@@ -128,14 +111,9 @@ class CodedLoss(nn.Module):
         self.log_sigma = nn.Parameter(torch.zeros(len(attributes), device=before.device))
 
     @cached_property
-    def attribute_of_channel(self) -> Tensor:
-        """(C,) int32, the same as `owner`."""
-        return self.owner.int()
-
-    @cached_property
     def channels_of_attribute(self) -> Tensor:
         """(attributes, C) float64: 1 where a channel belongs to an attribute."""
-        return torch.nn.functional.one_hot(self.owner, len(self.mu)).T.double()
+        return torch.nn.functional.one_hot(self.owner.long(), len(self.mu)).T.double()
 
     def forward(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:
         """The loss, a scalar, and the bits per splat, a scalar without gradient; 0 if `entropy_weight` is 0.
@@ -146,9 +124,11 @@ class CodedLoss(nn.Module):
         """
         kernels = kernels_for(now, self.before, self.steps)
         if kernels is not None:
-            return _Fused.apply(kernels, self, seed, now, self.mu, self.log_sigma)  # type: ignore[no-untyped-call,no-any-return]
-        if now.device.type == "cuda" and now.dtype == torch.float32 and "triton" in available_backends():
-            return coded_loss_triton(self, self.mu, self.log_sigma, now, seed)
+            return _fused(kernels, self, now, seed)
+        if uses_triton(now):
+            from studio.training.triton.coded import coded_loss_triton
+
+            return coded_loss_triton(self, now, seed)
         return self.forward_torch(now, seed)
 
     def forward_torch(self, now: Tensor, seed: int) -> tuple[Tensor, Tensor]:

@@ -1,33 +1,17 @@
 """Dropout of splats: each step draws a random subset, with raised opacities."""
 
 import math
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from studio.rasterizer.cpu import kernel_threads
 from studio.rasterizer.kernels import kernels_for
+from studio.training.known_gradients import with_gradients
 from studio.training.noise import random_bits
 
 DROPPED_LOGIT = -30.0  # logit of a dropped splat: far below the opacity from which the rasterizer draws a splat, 1/255
 _LEAST_OPACITY, _MOST_OPACITY = 1e-6, 0.995
-
-
-class _Fused(torch.autograd.Function):
-    """The kernel computes the derivative along with the value."""
-
-    @staticmethod
-    def forward(ctx: Any, logits: Tensor, share: float, seed: int, kernels: Any) -> Tensor:
-        data = logits.detach().contiguous()
-        drawn, derivative = torch.empty_like(data), torch.empty_like(data)
-        kernels.dropout(data, share, seed, drawn, derivative, kernel_threads())
-        ctx.save_for_backward(derivative)
-        return drawn
-
-    @staticmethod
-    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor, None, None, None]:
-        return upstream[0] * ctx.saved_tensors[0], None, None, None
 
 
 def drop_splats(logits: Tensor, share: float, seed: int) -> Tensor:
@@ -45,9 +29,12 @@ def drop_splats(logits: Tensor, share: float, seed: int) -> Tensor:
         (N,) logits to draw; those of dropped splats are `DROPPED_LOGIT` and have no gradient.
     """
     kernels = kernels_for(logits)
-    if kernels is not None:
-        return _Fused.apply(logits, share, seed, kernels)  # type: ignore[no-untyped-call,no-any-return]
-    return drop_splats_torch(logits, share, seed)
+    if kernels is None:
+        return drop_splats_torch(logits, share, seed)
+    data = logits.detach().contiguous()
+    drawn, derivative = torch.empty_like(data), torch.empty_like(data)
+    kernels.dropout(data, share, seed, drawn, derivative, kernel_threads())
+    return with_gradients(drawn, [logits], [derivative])
 
 
 def drop_splats_torch(logits: Tensor, share: float, seed: int) -> Tensor:

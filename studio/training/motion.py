@@ -6,13 +6,11 @@ import torch
 from torch import Tensor, nn
 
 from studio.gaussians import Gaussians
-from studio.rasterizer import available_backends
 from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for
+from studio.rasterizer.kernels import kernels_for, uses_triton
 from studio.rasterizer.types import ALPHA_MIN
 from studio.training.adam import Adam, ParameterGroup
 from studio.training.hashgrid import Corners, HashGrid
-from studio.training.triton.field import motion_field_triton
 
 _BOX_PADDING = 0.05  # padding of the bounding box, as a fraction of its longest side
 _NEIGHBORS = 24  # neighbors over which velocities are smoothed (docs/measurements/training.md)
@@ -124,7 +122,9 @@ class MotionField(nn.Module):
         kernels = kernels_for(table, corners.weights)
         if kernels is not None:
             return _Fused.apply(kernels, corners, float(self.side), table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
-        if table.device.type == "cuda" and table.dtype == torch.float32 and "triton" in available_backends():
+        if uses_triton(table):
+            from studio.training.triton.field import motion_field_triton
+
             return motion_field_triton(corners, self.side, table, parameters)
         return self.forward_torch(corners)
 

@@ -8,28 +8,18 @@ from torch import Tensor
 
 from studio.errors import StudioError
 from studio.metrics import check_image_pair, ssim
-from studio.rasterizer import available_backends
-from studio.rasterizer.cpu import kernel_threads, load_kernels
-from studio.training.triton.loss import photometric_loss_triton
+from studio.rasterizer.cpu import kernel_threads
+from studio.rasterizer.kernels import kernels_for, uses_triton
+from studio.training.known_gradients import with_gradients
 
 
-class _Fused(torch.autograd.Function):
+def _fused(kernels: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
     """The loss and its gradient with respect to the image, computed in one pass."""
-
-    @staticmethod
-    def forward(ctx: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
-        image_data, target_data = image.detach().contiguous(), target.detach().contiguous()
-        gradient = torch.empty_like(image_data) if ctx.needs_input_grad[0] else None
-        height, width, _ = image.shape
-        l1, similarity = load_kernels().loss(image_data, target_data, width, height, weight, gradient, kernel_threads())
-        ctx.gradient = gradient
-        return image.new_tensor((1 - weight) * l1 + weight * (1 - similarity))
-
-    @staticmethod
-    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, None, None]:
-        factor = float(upstream)
-        gradient = ctx.gradient
-        return gradient if gradient is None or factor == 1.0 else gradient * factor, None, None
+    data = image.detach().contiguous()
+    gradient = torch.empty_like(data) if image.requires_grad else None
+    height, width, _ = image.shape
+    l1, similarity = kernels.loss(data, target.detach().contiguous(), width, height, weight, gradient, kernel_threads())
+    return with_gradients(data.new_tensor((1 - weight) * l1 + weight * (1 - similarity)), [image], [gradient])
 
 
 def photometric_loss_torch(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -> Tensor:
@@ -52,9 +42,11 @@ def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -
     if not 0 <= dssim_weight <= 1:
         problem = f"dssim_weight is {dssim_weight}; it must be between 0 and 1"
         raise StudioError("settings.invalid_value", problem, value=dssim_weight, setting="train.dssim_weight")
-    if image.device == target.device and image.dtype == target.dtype == torch.float32:
-        if image.device.type == "cpu" and "cpu" in available_backends():
-            return _Fused.apply(image, target, float(dssim_weight))
-        if image.device.type == "cuda" and "triton" in available_backends():
-            return photometric_loss_triton(image, target, float(dssim_weight))
+    kernels = kernels_for(image, target)
+    if kernels is not None and image.dtype == torch.float32:
+        return _fused(kernels, image, target, float(dssim_weight))
+    if image.device == target.device and uses_triton(image) and uses_triton(target):
+        from studio.training.triton.loss import photometric_loss_triton
+
+        return photometric_loss_triton(image, target, float(dssim_weight))
     return photometric_loss_torch(image, target, dssim_weight)

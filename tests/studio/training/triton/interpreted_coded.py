@@ -12,8 +12,7 @@ from tests.studio.training.test_coded_loss import in_double, make
 
 def results(loss: CodedLoss, now: torch.Tensor, triton: bool, seed: int) -> list[torch.Tensor]:
     leaf = now.clone().requires_grad_()
-    mu, log_sigma = loss.mu, loss.log_sigma
-    total, bits = coded_loss_triton(loss, mu, log_sigma, leaf, seed) if triton else loss.forward_torch(leaf, seed)
+    total, bits = coded_loss_triton(loss, leaf, seed) if triton else loss.forward_torch(leaf, seed)
     leaves = [leaf, loss.mu, loss.log_sigma] if loss.entropy_weight else [leaf]
     return [total.detach(), bits, *torch.autograd.grad(2 * total, leaves)]
 

@@ -1,18 +1,20 @@
 """The Triton kernels of training: compiled for GPUs, chosen on one, and, where there is one, run on it."""
 
 import importlib
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
-from studio.training import coded_loss, motion, photometric
+from studio.rasterizer import kernels
+from studio.training import photometric
 from studio.training.hashgrid import PIECE, pieces_of
 from studio.training.photometric import photometric_loss, photometric_loss_torch
-from studio.training.triton import coded, field, loss
 from tests.studio.training.test_coded_loss import in_double, make
 from tests.studio.training.test_motion import field_and_means
 from tests.support.triton import compile_kernels, needs_triton
@@ -33,10 +35,10 @@ TYPES: dict[str, dict[str, str]] = {
     },
 }
 """Triton's types of the arguments that are not pointers to float32, by module."""
-WARPS: dict[str, tuple[int, Sequence[str]]] = {
-    "loss": (loss.WARPS, ("blur_rows_of_moments", "compare", "blur_rows", "combine")),
-    "coded": (coded.WARPS, ("coded_loss",)),
-    "field": (field.WARPS, ("encode", "layer_forward", "layer_backward", "parameter_gradient", "sum_pieces")),
+KERNELS = {
+    "loss": ("blur_rows_of_moments", "compare", "blur_rows", "combine"),
+    "coded": ("coded_loss",),
+    "field": ("encode", "layer_forward", "layer_backward", "parameter_gradient", "sum_pieces"),
 }
 VARIANTS: dict[str, Sequence[Mapping[str, Any]]] = {
     "layer_forward": [{"OUTPUTS": width, "LAST": last} for width, last in ((16, True), (64, False))],
@@ -49,9 +51,8 @@ VARIANTS: dict[str, Sequence[Mapping[str, Any]]] = {
 @pytest.mark.parametrize("name", TYPES)
 def test_the_kernels_compile_for_a_gpu(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    warps, kernels = WARPS[name]
-    module = importlib.import_module(f"studio.training.triton.{name}_kernels")
-    compile_kernels(module, TYPES[name], dict.fromkeys(kernels, warps), 80, VARIANTS)
+    module = importlib.import_module(f"studio.training.triton.{name}")
+    compile_kernels(module, TYPES[name], dict.fromkeys(KERNELS[name], module.WARPS), 80, VARIANTS)
 
 
 @pytest.mark.parametrize(
@@ -83,24 +84,22 @@ class OnGpu(torch.nn.Parameter):
 def test_the_choice_on_a_gpu(name, dtype, backends, monkeypatch):
     chosen = []
     by_triton, by_torch = (lambda *_, kernel=kernel: chosen.append(kernel) for kernel in ("triton", "torch"))
-    module = {"loss": photometric, "coded": coded_loss, "field": motion}[name]
-    monkeypatch.setattr(module, "available_backends", lambda: backends)
-    monkeypatch.setattr(module, "kernels_for", lambda *_: None, raising=False)
+    functions = ("photometric_loss_triton", "coded_loss_triton", "motion_field_triton")
+    in_triton = SimpleNamespace(**dict.fromkeys(functions, by_triton))
+    monkeypatch.setitem(sys.modules, f"studio.training.triton.{name}", in_triton)
+    monkeypatch.setattr(kernels, "available_backends", lambda: backends)
     if name == "loss":
-        monkeypatch.setattr(module, "photometric_loss_triton", by_triton)
-        monkeypatch.setattr(module, "photometric_loss_torch", by_torch)
+        monkeypatch.setattr(photometric, "photometric_loss_torch", by_torch)
         image = torch.zeros(8, 9, 3).as_subclass(OnGpu)
         photometric_loss(image, image)
     elif name == "coded":
         coded_values, now = make(dtype, 5, 1.0, (0.3, 0.2))
-        monkeypatch.setattr(module, "coded_loss_triton", by_triton)
         monkeypatch.setattr(coded_values, "forward_torch", by_torch)
         coded_values(now.as_subclass(OnGpu), 3)
     else:
         moving, means = field_and_means(dtype, 5, levels=2)
         corners = moving.corners(means)
         moving.grid.table = OnGpu(moving.grid.table.detach())
-        monkeypatch.setattr(module, "motion_field_triton", by_triton)
         monkeypatch.setattr(moving, "forward_torch", by_torch)
         moving(corners)
     assert chosen == ["triton" if "triton" in backends and dtype == torch.float32 else "torch"]
