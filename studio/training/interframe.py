@@ -18,7 +18,7 @@ from studio.training.noise import draw_seed
 from studio.training.refine import Refinement
 from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import FIGURES_EVERY, SnapshotFn, Stepper
+from studio.training.step import FIGURES_EVERY, SNAPSHOT_EVERY, SnapshotFn, Stepper
 from studio.training.views import TrainingView
 
 _ENTROPY_RATE = 0.01
@@ -44,7 +44,6 @@ def train_interframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
-    snapshot_every: int = 500,
 ) -> Gaussians:
     """Train frame t from the splats of frame t-1. Their number and order do not change.
 
@@ -59,8 +58,7 @@ def train_interframe(
         seed: equal seeds and inputs give equal splats, bit for bit.
         progress: called with completed and total steps and `phase` ("motion" or "fine-tune"), and regularly also with
             `loss`, `psnr` (dB) and `splats`.
-        snapshot: called with the splats every `snapshot_every` steps.
-        snapshot_every: steps between these calls.
+        snapshot: called with the splats every `SNAPSHOT_EVERY` steps.
 
     Returns:
         Detached splats.
@@ -77,7 +75,7 @@ def train_interframe(
         def inner(iteration: int, gaussians: Gaussians, figures: Mapping[str, float]) -> None:
             step = before + iteration
             progress(step, steps, phase=phase, **figures)
-            if snapshot is not None and step % snapshot_every == 0:
+            if snapshot is not None and step % SNAPSHOT_EVERY == 0:
                 snapshot(step, gaussians.detach())
 
         return inner

@@ -18,7 +18,7 @@ from studio.training.pruning import prune_rounds, pruned_in_round
 from studio.training.refine import Refinement
 from studio.training.settings import TrainSettings
 from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
+from studio.training.step import SNAPSHOT_EVERY, Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
 from studio.training.views import TrainingView
 
 _FIRST_OPACITY = 0.1
@@ -72,7 +72,7 @@ def train_keyframe(
     seed: int = 0,
     progress: ProgressFn = no_progress,
     snapshot: SnapshotFn | None = None,
-    snapshot_every: int = 500,
+    snapshot_every: int = SNAPSHOT_EVERY,
     checkpoint: CheckpointFn | None = None,
     resume: Checkpoint | None = None,
     compared: Callable[[Refinement], None] | None = None,
@@ -88,7 +88,6 @@ def train_keyframe(
         progress: called with completed and total steps, and regularly also with `loss`, `psnr` (dB, of the last
             training crop) and `splats`.
         snapshot: called with the splats every `snapshot_every` steps.
-        snapshot_every: steps between these calls.
         checkpoint: called with the complete state every `CHECKPOINT_EVERY` steps.
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
         compared: called at the end, with how masks and splats compared before pruning; later frames need its `off`.

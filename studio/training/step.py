@@ -19,6 +19,7 @@ from studio.training.photometric import photometric_loss
 from studio.training.settings import TrainSettings
 from studio.training.views import TrainingView, backgrounds
 
+SNAPSHOT_EVERY = 500  # steps from one snapshot to the next
 FIGURES_EVERY = 20  # steps from one report of loss and PSNR to the next
 Checkpoint = dict[str, Tensor]  # the complete state of a training, by name; can be stored as safetensors
 CheckpointFn = Callable[[int, Checkpoint], None]
@@ -36,13 +37,11 @@ class Step:
         loss: scalar, equation 7, plus what weights of details add, and the alpha loss if enabled; backward() has not
             been called yet.
         target: (H, W, 3) image with which the render was compared.
-        render: the render; `radii` has an entry for every splat, 0 for dropped ones.
         image: (H, W, 3) what was compared: the render in the colors of the camera.
     """
 
     loss: Tensor
     target: Tensor
-    render: Render
     view: TrainingView
     image: Tensor
 
@@ -130,7 +129,7 @@ class Stepper:
         if self._settings.alpha_weight:
             off = (render.alpha - view.mask).abs()
             loss = loss + self._settings.alpha_weight * (off if view.hidden is None else off * ~view.hidden).mean()
-        return Step(loss, target, render, view, image)
+        return Step(loss, target, view, image)
 
     def _compared(self, render: Render, view: TrainingView, target: Tensor, behind: Tensor) -> tuple[Tensor, Tensor]:
         """A render over `behind` in the colors of the view, and the (H, W, 3) target to compare it with."""
