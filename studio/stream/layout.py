@@ -12,7 +12,7 @@ import torch
 
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
-from studio.stream.attributes import ATTRIBUTES, BY_NAME, NAMES, attribute_rows
+from studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows
 
 _SHORTEST_QUAT = 1e-6
 
@@ -115,24 +115,16 @@ def scale_floor(typical: float) -> float:
     return math.log(typical / 16)
 
 
-class ComponentArrays:
-    """Buffers for one frame in the memory layout of `Gaussians`; `rows`: (N,) views by component, to fill."""
-
-    def __init__(self, splats: int, sh_degree: int) -> None:
-        shapes = {name: BY_NAME[name].tensor_shape(splats, sh_degree) for name in NAMES["planes"]}
-        self._arrays = {name: np.empty(shape, dtype=np.float32) for name, shape in shapes.items()}
-        columns = (array.reshape(splats, -1).T for array in self._arrays.values())
-        self.rows: list[np.ndarray] = [row for rows in columns for row in rows]
-
-    def gaussians(self, dilation: float) -> Gaussians:
-        """Gaussians that share the memory. Quaternions are as stored: close to unit length, not normalized.
-
-        One that is too short to describe a rotation, which no baker writes, becomes the identity, its splat invisible.
-        """
-        quats = self._arrays["quats"]
-        none = np.einsum("ni,ni->n", quats, quats) < _SHORTEST_QUAT**2
-        if none.any():
-            quats[none] = (1, 0, 0, 0)
-            self._arrays["opacities"][none] = 0
-        found = {one.tensor: torch.from_numpy(one.inverse(self._arrays[one.name])) for one in ATTRIBUTES}
-        return Gaussians(**found, dilation=dilation)
+def component_gaussians(values: np.ndarray, sh_degree: int, dilation: float) -> Gaussians:
+    """The splats of (C, N) values of `component_frames`. Quaternions are as stored: close to unit length, not
+    normalized. One that is too short to describe a rotation, which no baker writes, becomes the identity, its splat
+    invisible."""
+    rows = attribute_rows("planes", sh_degree)
+    arrays = {name: np.ascontiguousarray(values[own].T) for name, own in rows.items()}
+    quats = arrays["quats"]
+    none = np.einsum("ni,ni->n", quats, quats) < _SHORTEST_QUAT**2
+    quats[none] = (1, 0, 0, 0)
+    arrays["opacities"][none] = 0
+    size = values.shape[1], sh_degree
+    found = {one.tensor: one.inverse(arrays[one.name]).reshape(one.tensor_shape(*size)) for one in ATTRIBUTES}
+    return Gaussians(**{name: torch.from_numpy(array) for name, array in found.items()}, dilation=dilation)

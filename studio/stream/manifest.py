@@ -11,8 +11,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
 from pydantic import (
@@ -218,6 +217,11 @@ class Rendition(Model):
     frames; `bytes`: of all its files; `dilation`: see `Gaussians`, left out of the JSON where it is `DILATION`; `qp`:
     H.264 scale, informative; `psnr_to_trained`: dB, None if not measured."""
 
+    # pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the square in
+    # the order of its interleaved column and row bits
+    scan: ClassVar[Literal["morton", "rows"]]
+    codecs: ClassVar[tuple[str, ...]]  # that its videos may have
+
     index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
     first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
     frame_count: FrameCount
@@ -290,6 +294,8 @@ class ComponentEntry(Model):
 class PlanesRendition(Rendition):
     """A rendition of a group in the profile `planes`, with its components in the order of
     `attributes.components(sh_degree)`. `side` of the planes in pixels: the smallest multiple of 8 with side^2 >= N."""
+
+    scan, codecs = "rows", ("h264",)
 
     side: Annotated[int, Field(ge=8)]
     components: Annotated[tuple[ComponentEntry, ...], Field(max_length=64)]
@@ -364,6 +370,8 @@ class MotionRendition(Rendition):
     tile^2 >= N; channel c is the tile in row c // `columns`, column c % `columns`; `positions`: quantization of the
     keyframe's means."""
 
+    scan, codecs = "morton", tuple(CODECS)
+
     tile: Annotated[int, Field(ge=16)]
     columns: Annotated[int, Field(ge=1, le=64)]
     rows: Annotated[int, Field(ge=1, le=64)]
@@ -411,22 +419,7 @@ class MotionRendition(Rendition):
         return self.side, self.video
 
 
-@dataclass(frozen=True)
-class Profile:
-    """What a profile means in the manifest."""
-
-    rendition: type[Rendition]  # the model of its renditions
-    # pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the square in
-    # the order of its interleaved column and row bits
-    scan: str
-    codecs: tuple[str, ...]  # that its videos may have
-
-
-PROFILES: Final[dict[str, Profile]] = {
-    "motion": Profile(MotionRendition, "morton", tuple(CODECS)),
-    "planes": Profile(PlanesRendition, "rows", ("h264",)),
-}
-
+PROFILES: Final[dict[str, type[Rendition]]] = {"motion": MotionRendition, "planes": PlanesRendition}
 _TAGS = ("<motion>", "<planes>")  # pydantic puts them into the location of an error; `invalid` removes them
 
 
@@ -519,7 +512,7 @@ class RenditionEntry(Model):
 
 
 class Manifest(Model):
-    """The manifest as stored. `frame_count`, `bounding_box`: over all groups; `scan`: as of `Profile`; `live`: groups
+    """The manifest as stored. `frame_count`, `bounding_box`: over all groups; `scan`: as of `Rendition`; `live`: groups
     are still being added; `renditions`: the best first, every group has them all; `groups`: the first ones, from frame
     0; `pages`: where the others are; `settings`: of the bake, informative; `metadata`: free-form, see
     `metadata.StreamMetadata`, each at most 16 levels deep and 1 MiB; `total_bytes`: of all files of the stream, each
@@ -582,7 +575,7 @@ class Manifest(Model):
     def check_groups(self, groups: Sequence[GroupEntry], number: int, frame: int) -> None:
         """Raises InconsistentError unless these groups follow each other from group `number` and frame `frame` on, and
         have the stream's profile and renditions."""
-        kind = PROFILES[self.profile].rendition
+        kind = PROFILES[self.profile]
         for group in groups:
             _require(
                 (group.index, group.first_frame) == (number, frame),

@@ -13,7 +13,6 @@ from studio.stream.attributes import NAMES, VERSION
 from studio.stream.manifest import (
     FORMAT,
     MAX_MANIFEST_BYTES,
-    PROFILES,
     GroupEntry,
     InconsistentError,
     Manifest,
@@ -44,7 +43,7 @@ def parse_manifest(data: bytes, name: str) -> Manifest:
 
 
 def _check_head(data: bytes, name: str) -> None:
-    """Format, version and profile first: their errors say more than those of the keys that another format lacks."""
+    """Format and version first: their errors say more than those of the keys that another format lacks."""
     try:
         head = parse_json(data, _BOUNDS)
     except TextError as error:
@@ -58,12 +57,6 @@ def _check_head(data: bytes, name: str) -> None:
         value = version if isinstance(version, int) else None
         fix = "Bake it again with this version of V3 Studio, or update V3 Studio."
         raise StudioError("manifest.wrong_version", problem, file=name, value=value, fix=fix, expected=VERSION)
-    profile = head.get("profile")
-    if not isinstance(profile, str) or profile not in PROFILES:
-        shown = str(profile)[:80]
-        raise damaged(
-            "manifest.unknown_profile", f"unknown profile {shown!r}; expected one of {', '.join(PROFILES)}", name, shown
-        )
 
 
 def parse_page(

@@ -7,7 +7,7 @@ import numpy as np
 
 from studio.gaussians import Gaussians
 from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
-from studio.stream.layout import ComponentArrays
+from studio.stream.layout import component_gaussians
 from studio.stream.manifest import PlanesRendition
 from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
 from studio.stream.video import PlaneDecoder
@@ -16,9 +16,10 @@ from studio.stream.video import PlaneDecoder
 class PlanesDecoder(GroupDecoder):
     """Decodes all planes of a frame in parallel. `files`: content by path, from `StreamReader.fetch`."""
 
+    group: PlanesRendition
+
     def __init__(self, group: PlanesRendition, files: Mapping[str, bytes], pool: ThreadPoolExecutor, name: str) -> None:
         super().__init__(group)
-        self._planes_group = group
         self._pool, self._name = pool, name
         size, pictures = (group.side, group.side), group.frame_count
         # Opening parses each file's headers, so it pays to do that in parallel too.
@@ -34,7 +35,7 @@ class PlanesDecoder(GroupDecoder):
                 raise error
 
     def _read(self, index: int) -> DecodedFrame:
-        group = self._planes_group
+        group = self.group
         planes = np.empty((len(self._decoders), group.side, group.side), dtype=np.uint8)
         reading = [
             self._pool.submit(decoder.read, plane) for decoder, plane in zip(self._decoders, planes, strict=True)
@@ -47,18 +48,18 @@ class PlanesDecoder(GroupDecoder):
         return DecodedFrame(planes, self._gaussians)
 
     def _gaussians(self, planes: np.ndarray) -> Gaussians:
-        group = self._planes_group
+        group = self.group
         flat = planes.reshape(len(planes), -1)[:, : group.splats]
-        arrays = ComponentArrays(group.splats, group.sh_degree)
+        values = np.empty((len(group.components), group.splats), np.float32)
         index = 0
-        for row, entry in zip(arrays.rows, group.components, strict=True):
+        for row, entry in zip(values, group.components, strict=True):
             if len(entry.planes) == 1:
                 row[:] = dequantize(flat[index], entry.min, entry.max, LEVELS_8)
             else:
                 codes = join_bytes(flat[index], flat[index + 1], mirrored=entry.planes[1].part == "low_mirrored")
                 row[:] = dequantize(codes, entry.min, entry.max, LEVELS_16)
             index += len(entry.planes)
-        return arrays.gaussians(group.dilation)
+        return component_gaussians(values, group.sh_degree, group.dilation)
 
     def close(self) -> None:
         for decoder in self._decoders:

@@ -6,8 +6,7 @@ import shutil
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -121,9 +120,9 @@ def bake_group(
                     own = own.replace(quality=rung.qp)
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
                 write = partial(prepared.write, place, values, progress=steps, threads=threads, fps=fps or NOMINAL_FPS)
-                job = _Job(write, place, values, own, quality, unsmoothed)
-                made[rung.id] = _stored(*job.encode(), place, directory, own)
-            del prepared, write, job  # the group's values
+                encoded = _encoded(write, place, values, own, quality, unsmoothed)
+                made[rung.id] = _stored(*encoded, place, directory, own)
+            del prepared, write  # the group's values
         return GroupEntry(
             index=group,
             first_frame=first_frame,
@@ -154,76 +153,63 @@ def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single
     }
 
 
-@dataclass
-class _Job:
-    """Encodes one rendition of a group at one QP, or at the QP that reaches a target."""
+def _encoded(
+    write: Callable[[BakeSettings], AnyRendition],
+    folder: Path,
+    identity: Mapping[str, Any],
+    settings: BakeSettings,
+    quality: QualityFn | None,
+    unsmoothed: Callable[[], object],
+) -> tuple[AnyRendition, float | None]:
+    """Encode a rendition of a group at a QP, or at the QP that reaches a target: the rendition, without checks and
+    figures, and its PSNR if there is `quality`.
 
-    write: Callable[[BakeSettings], AnyRendition]  # encodes into `folder`
-    folder: Path  # for the files, replaced by each encoding
-    identity: Mapping[str, Any]  # values of the rendition that the encoder does not know
-    settings: BakeSettings  # settings, quality, unsmoothed: as for `bake_group`
-    quality: QualityFn | None
-    unsmoothed: Callable[[], object]
-    _written: dict[int, AnyRendition] = field(default_factory=dict, init=False)
-    _psnrs: dict[int, float] = field(default_factory=dict, init=False)
+    Args:
+        write: encodes into `folder`, whose files are replaced by each encoding.
+        identity: values of the rendition that the encoder does not know.
+        settings, quality, unsmoothed: as for `bake_group`.
+    """
 
-    def encode(self) -> tuple[AnyRendition, float | None]:
-        """The rendition, without checks and figures, and its PSNR if there is `quality`; its files are in `folder`."""
-        size, psnr = self.settings.target_kb_per_frame, self.settings.target_psnr
-        if size is not None:
-            qp = self._smaller_than(size)
-        elif psnr is not None:
-            qp = self._as_good_as(psnr)
-        else:
-            qp = self.settings.qp
-        return self._at(qp), None if self.quality is None else self._psnr(qp, self.quality)
+    @lru_cache(maxsize=1)  # of several QPs, only the files of the last are on the disk
+    def at(qp: int) -> AnyRendition:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        return write(settings.at_qp(qp))
 
-    def _smaller_than(self, target: float) -> int:
-        def kb(qp: int) -> float:
-            return self._at(qp).bytes / self.identity["frame_count"] / 1000
-
-        qp = 1 + highest_qp(lambda qp: _QPS_PER_HALF * math.log2(kb(qp) / target), self.settings.qp)
-        if qp > QP_MAX:
-            raise self._missed(target, kb(QP_MAX), "KB per frame", QP_MAX, "Raise it, or train fewer splats.")
-        return qp
-
-    def _as_good_as(self, target: float) -> int:
-        quality = self.quality
+    @cache
+    def psnr(qp: int) -> float:
         if quality is None:
-            problem = f"quality {self.settings.quality} requires a function that renders decoded frames (quality)"
+            problem = f"quality {settings.quality} requires a function that renders decoded frames (quality)"
             fix = "Pass quality, or set a QP instead."
             raise StudioError("bake.no_renderer", problem, fix=fix, setting="bake.quality")
-        qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.settings.qp)
-        if qp < QP_BEST and self.settings.smooth_paths is None and self.settings.profile == "motion":
-            self.unsmoothed()
-            self.settings = self.settings.replace(smooth_paths=False)
-            self._written.clear()
-            self._psnrs.clear()
-            qp = highest_qp(lambda qp: self._psnr(qp, quality) - target, self.settings.qp)
-        if qp < QP_BEST:
-            raise self._missed(target, self._psnr(QP_BEST, quality), "dB", QP_BEST, "Set a lower level.")
-        return qp
+        draft = at(qp)
+        return psnr_of(draft, _contents(draft, folder), quality, settings.codec)
 
-    def _missed(self, target: float, value: float, unit: str, qp: int, fix: str) -> StudioError:
-        group = self.identity["index"]
+    def missed(target: float, value: float, unit: str, qp: int, fix: str) -> StudioError:
+        group = identity["index"]
         problem = f"group {group} has {value:.4g} {unit} at QP {qp}, which misses the target of {target:.4g}"
         fields = {"setting": "bake.quality", "qp": qp, "expected": target, "group": group}
         return StudioError("bake.target_missed", problem, value=value, fix=fix, **fields)
 
-    def _at(self, qp: int) -> AnyRendition:
-        """The rendition at a QP; of several QPs, only the files of the last are on disk."""
-        if qp not in self._written:
-            self._written.clear()
-            shutil.rmtree(self.folder, ignore_errors=True)
-            self.folder.mkdir(parents=True)
-            self._written[qp] = self.write(self.settings.at_qp(qp))
-        return self._written[qp]
+    def kb(qp: int) -> float:
+        return at(qp).bytes / identity["frame_count"] / 1000
 
-    def _psnr(self, qp: int, quality: QualityFn) -> float:
-        if qp not in self._psnrs:
-            draft = self._at(qp)
-            self._psnrs[qp] = psnr_of(draft, _contents(draft, self.folder), quality, self.settings.codec)
-        return self._psnrs[qp]
+    qp, most, least = settings.qp, settings.target_kb_per_frame, settings.target_psnr
+    if most is not None:
+        qp = 1 + highest_qp(lambda qp: _QPS_PER_HALF * math.log2(kb(qp) / most), qp)
+        if qp > QP_MAX:
+            raise missed(most, kb(QP_MAX), "KB per frame", QP_MAX, "Raise it, or train fewer splats.")
+    if least is not None:
+        qp = highest_qp(lambda qp: psnr(qp) - least, settings.qp)
+        if qp < QP_BEST and settings.smooth_paths is None and settings.profile == "motion":
+            unsmoothed()
+            settings = settings.replace(smooth_paths=False)
+            at.cache_clear()
+            psnr.cache_clear()
+            qp = highest_qp(lambda qp: psnr(qp) - least, settings.qp)
+        if qp < QP_BEST:
+            raise missed(least, psnr(QP_BEST), "dB", QP_BEST, "Set a lower level.")
+    return at(qp), None if quality is None else psnr(qp)
 
 
 def _contents(draft: Rendition, folder: Path) -> dict[str, bytes]:

@@ -86,7 +86,7 @@ def write_manifest(
             profile=settings.profile,
             fps=float(fps),
             frame_count=sum(group.frame_count for group in groups),
-            scan=PROFILES[settings.profile].scan,  # type: ignore[arg-type]
+            scan=PROFILES[settings.profile].scan,
             codec=Codec(name=settings.codec, pixel_format="yuv420p", color_range="full"),
             bounding_box=box,
             live=live,

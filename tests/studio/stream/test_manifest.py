@@ -91,7 +91,7 @@ DAMAGE = {
     "motion": [
         *((("version",), value, "manifest.wrong_version") for value in (VERSION + 1, VERSION - 1, str(VERSION), True)),
         (("format",), "something", "manifest.wrong_format"),
-        *((("profile",), value, "manifest.unknown_profile") for value in ("gaussian", 7)),
+        *((("profile",), value, "literal_error") for value in ("gaussian", 7)),
         (set_at(("profile",), "planes"), (), "scan"),
         (set_at(("scan",), "rows"), (), "scan"),
         (("codec", "name"), "mjpeg", "literal_error"),
