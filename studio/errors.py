@@ -5,14 +5,19 @@ for people that names the file, the problem and the fix. The command line and th
 traceback.
 """
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from studio.json_types import JsonObject
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 MAX_LENGTH = 2000
 """Maximum length of a text in characters. Longer ones are truncated, because they may contain file contents."""
@@ -191,3 +196,10 @@ def violation(problem: Mapping[str, Any]) -> str:
     if kind == "literal_error":
         return f"must be {details['expected'].replace(chr(39), '')}"
     return str(problem["msg"]).removeprefix("Value error, ").replace("Input should", "must", 1)
+
+
+def first_violation(error: ValidationError, whole: str = "the file") -> tuple[str, str]:
+    """The dotted path of the first value that a model refuses, "" for the `whole`, and a clause on it."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(map(str, first["loc"]))
+    return where, f"{where or whole} {violation(first)}"

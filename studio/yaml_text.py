@@ -29,14 +29,6 @@ class YamlError(ValueError):
         self.problem, self.line = problem, line
 
 
-class DuplicateKey(YamlError):
-    """A mapping has a key twice. `mapping_line`: line that the mapping begins in."""
-
-    def __init__(self, key: str, line: int, mapping_line: int) -> None:
-        super().__init__(f"duplicate key '{key}'", line)
-        self.key, self.mapping_line = key, mapping_line
-
-
 class _Constructor(SafeConstructor):
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         try:
@@ -58,7 +50,7 @@ _Representer.add_representer(str, _Representer.represent_str)
 
 def parse_yaml(text: str, *, plain: bool = False) -> Any:
     """The value of a YAML document; None if it is empty. `plain`: leave every value as the text that it is, so that 01
-    does not become 1. YamlError if it is not YAML; `DuplicateKey` for a key that a mapping has twice."""
+    does not become 1. YamlError if it is not YAML, or a mapping has a key twice."""
     return copy.deepcopy(_parsed(text, plain))
 
 
@@ -114,7 +106,7 @@ def _read(reader: YAML, text: str) -> Any:
         return value
     except DuplicateKeyError as error:
         key = re.search(r'duplicate key "(.*?)"', str(error.problem), re.DOTALL)
-        raise DuplicateKey(key[1] if key else "", error.problem_mark.line + 1, error.context_mark.line + 1) from None
+        raise YamlError(f"duplicate key '{key[1] if key else ''}'", error.problem_mark.line + 1) from None
     except TextError as error:
         raise YamlError(str(error), None) from None
     except RecursionError:

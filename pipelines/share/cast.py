@@ -18,7 +18,7 @@ from pipelines.share.shared_folder import SharedFolder, shared_folder
 from pipelines.share.stream_to_share import stream_to_share
 from pipelines.takes.atomic_files import disk_errors
 from studio.bounded_files import TextError, parse_json
-from studio.errors import StudioError, violation
+from studio.errors import StudioError, first_violation
 from studio.progress import ProgressFn
 from studio.settings import Color, Unit
 from studio.stream.manifest import MANIFEST_NAME
@@ -112,9 +112,7 @@ def read_cast(path: Path) -> Cast:
     except (TextError, OSError) as error:
         raise StudioError("share.bad_cast", f"cannot be read: {error}", file=path, fix=fix) from None
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        problem = f"{where or 'the document'} {violation(first)}"
+        where, problem = first_violation(error, "the document")
         raise StudioError("share.bad_cast", problem, file=path, fix=fix, key=where) from None
 
 

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
 from studio.bounded_files import BOUNDS, TextError, parse_json, read_bounded
-from studio.errors import StudioError, reason_of, violation
+from studio.errors import StudioError, first_violation, reason_of
 from studio.json_types import JsonObject
 
 __all__ = [
@@ -77,9 +77,7 @@ def validated(path: Path, values: Any, model: type[Model]) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        problem = f"{where or 'the file'} {violation(first)}"
+        where, problem = first_violation(error)
         raise StudioError("take.damaged", problem, file=path, fix=_AGAIN, key=where) from None
 
 

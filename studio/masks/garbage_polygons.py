@@ -9,19 +9,18 @@ YAML (of which JSON is a subset), in pixels of the stored frames, with 0, 0 at t
       size: [1920, 1080]                                      # optional: size of the image that they were drawn on
 """
 
-import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from studio.atomic_files import write_text
 from studio.bounded_files import read_bounded
-from studio.errors import StudioError
-from studio.yaml_text import DuplicateKey, YamlError, dump_yaml, parse_yaml
+from studio.errors import StudioError, first_violation
+from studio.yaml_text import YamlError, dump_yaml, parse_yaml
 
 EXTENSIONS = (".yaml", ".yml", ".json")  # of files with polygons; garbage masks with other extensions are images
 _BITS = 4  # of a pixel's fraction, for OpenCV
@@ -48,21 +47,50 @@ class GarbagePolygons:
         return mask > 0
 
 
+_Pixel = Annotated[float, Field(gt=-1e6, lt=1e6, allow_inf_nan=False)]  # OpenCV takes 32-bit integers
+_Polygon = Annotated[list[tuple[_Pixel, _Pixel]], Field(min_length=3)]
+_Polygons = Annotated[list[_Polygon], Field(min_length=1)]
+_Side = Annotated[float, Field(ge=1, lt=1e6)]
+
+
+class _Camera(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    keep: _Polygons = []
+    remove: _Polygons = []
+    size: tuple[_Side, _Side] | None = None
+
+    @model_validator(mode="after")
+    def _has_polygons(self) -> Self:
+        if not (self.keep or self.remove):
+            raise ValueError("has no polygons")
+        return self
+
+
+_FILE = TypeAdapter(Annotated[dict[str, _Camera], Field(min_length=1)])
+
+
 def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
     """The polygons of a file, by camera. Raises StudioError: `mask.garbage_file`."""
+    what = "the file of the garbage masks"
     try:
-        content = parse_yaml(read_bounded(path).decode("utf-8-sig"), plain=True)  # or camera 01 would become 1
+        text = read_bounded(path).decode("utf-8-sig")
+        cameras = _FILE.validate_python(parse_yaml(text, plain=True))  # plain: or camera 01 would become 1
     except OSError as error:
-        _refuse(path, f"cannot be read ({error.strerror})")
+        problem = f"{what} cannot be read ({error.strerror})"
     except UnicodeDecodeError:
-        _refuse(path, "is not text")
-    except DuplicateKey as error:
-        _refuse(path, f"'{error.key}' is used twice, at line {error.line}", error.key)
+        problem = f"{what} is not text"
     except YamlError as error:
-        _refuse(path, "is not valid YAML" + (f" (line {error.line})" if error.line else ""))
-    if not isinstance(content, Mapping) or not content:
-        _refuse(path, "has no cameras")
-    return {str(camera): _camera(path, str(camera), value) for camera, value in content.items()}
+        problem = f"{what} is not valid YAML ({error})"
+    except ValidationError as error:
+        problem = first_violation(error, what)[1]
+    else:
+        return {
+            name: GarbagePolygons(tuple(map(np.array, one.keep)), tuple(map(np.array, one.remove)), one.size)
+            for name, one in cameras.items()
+        }
+    fix = "Write it as in docs/guides/masks.md: cam01: {remove: [[[0, 0], [1920, 0], [1920, 200]]]}."
+    raise StudioError("mask.garbage_file", problem, file=path, fix=fix, setting="capture.garbage_masks")
 
 
 def write_garbage_polygons(path: Path, polygons: Mapping[str, GarbagePolygons]) -> None:
@@ -76,47 +104,3 @@ def write_garbage_polygons(path: Path, polygons: Mapping[str, GarbagePolygons]) 
         if found:
             tree[camera] = found | ({"size": list(one.size)} if one.size is not None else {})
     write_text(path, dump_yaml(tree, flow=None))
-
-
-def _camera(path: Path, camera: str, value: Any) -> GarbagePolygons:
-    known = ("keep", "remove", "size")
-    if not isinstance(value, Mapping) or not value:
-        _refuse(path, f"camera '{camera}' has no polygons", camera)
-    for key in value:
-        if key not in known:
-            _refuse(path, f"camera '{camera}': '{key}' is not one of {', '.join(known)}", str(key))
-    size = None
-    if "size" in value:
-        width, height = _pair(path, camera, value["size"])
-        if min(width, height) < 1:
-            _refuse(path, f"camera '{camera}': the size must be positive", (width, height))
-        size = (width, height)
-    if "keep" not in value and "remove" not in value:
-        _refuse(path, f"camera '{camera}' has a size but no polygons", camera)
-    found = {key: _polygons(path, camera, value[key]) if key in value else () for key in ("keep", "remove")}
-    return GarbagePolygons(found["keep"], found["remove"], size)
-
-
-def _polygons(path: Path, camera: str, value: Any) -> tuple[np.ndarray, ...]:
-    if not isinstance(value, list) or not value:
-        _refuse(path, f"camera '{camera}': expected a list of polygons", camera)
-    for polygon in value:
-        if not isinstance(polygon, list) or len(polygon) < 3:
-            _refuse(path, f"camera '{camera}': a polygon needs three corners [x, y] or more", camera)
-    return tuple(np.array([_pair(path, camera, corner) for corner in polygon]) for polygon in value)
-
-
-def _pair(path: Path, camera: str, value: Any) -> tuple[float, float]:
-    first = second = math.nan
-    if isinstance(value, list) and len(value) == 2:  # 16 is the text "16", which would unpack into 1 and 6
-        with suppress(TypeError, ValueError):
-            first, second = float(value[0]), float(value[1])
-    if not max(abs(first), abs(second)) < 1e6:  # also NaN; OpenCV takes 32-bit integers
-        _refuse(path, f"camera '{camera}': expected two numbers in pixels, found {str(value)[:60]}", str(value)[:60])
-    return first, second
-
-
-def _refuse(path: Path, problem: str, value: object = None) -> NoReturn:
-    problem = f"the file of the garbage masks {problem}" if not problem.startswith("camera") else problem
-    fix = "Write it as in docs/guides/masks.md: cam01: {remove: [[[0, 0], [1920, 0], [1920, 200]]]}."
-    raise StudioError("mask.garbage_file", problem, file=path, value=value, fix=fix, setting="capture.garbage_masks")
