@@ -91,11 +91,11 @@ class EditActions:
         self._window.dialogs.choose("edit kinds", "Which numbers?", list(lines), lambda line: self._ask(lines[line]))
 
     def _ask(self, kind: str) -> None:
-        editor, frames = self._window.views.editor, self._window.player.transport.numbers
+        editor = self._window.views.editor
         title, text = TITLES[kind]
 
         def save(texts: dict[str, str]) -> str:
-            edits = with_numbers(editor.pending or editor.edits, kind, texts, editor.up, frames)
+            edits = with_numbers(editor.pending or editor.edits, kind, texts, editor.up)
             if isinstance(edits, str):
                 return edits
             if kind == "floaters" and editor.tool == "floaters":

@@ -6,8 +6,7 @@ from contextlib import suppress
 import numpy as np
 from pydantic import ValidationError
 
-from pipelines.takes.frame_numbers import FrameNumbers
-from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Trim, World
+from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, World
 from studio.errors import violation
 from studio.rotations import matrices_to_quats
 
@@ -19,7 +18,6 @@ TITLES = {
     "floaters": ("Floaters", "Splats that are removed in every group. Empty: no such limit."),
     "world": ("World", "World of streams and exports. Up and origin: x y z in the world of the capture."),
     "details": ("Detail", "The detail marked last. Weight: how much more it counts in training. Leave empty for none."),
-    "trim": ("Trim", "First and last frame to keep. Empty: all."),
 }
 
 
@@ -55,25 +53,17 @@ def fields_of(edits: EditList, kind: str, up: np.ndarray) -> list[Field]:
             ("origin", "Origin", _text(np.array(placed.origin))),
             ("scale", "Scale", f"{placed.scale:.6g}"),
         ]
-    if kind == "details":
-        last = edits.details[-1] if edits.details else None
-        return [
-            ("radius", "Radius, in the new world", "" if last is None else f"{world.scale * last.radius:.4g}"),
-            ("weight", "Weight (1 to 100)", "" if last is None else f"{last.weight:g}"),
-        ]
-    trim = edits.trim
+    last = edits.details[-1] if edits.details else None
     return [
-        ("first", "In point", "" if trim is None else str(trim.first)),
-        ("last", "Out point", "" if trim is None else str(trim.last)),
+        ("radius", "Radius, in the new world", "" if last is None else f"{world.scale * last.radius:.4g}"),
+        ("weight", "Weight (1 to 100)", "" if last is None else f"{last.weight:g}"),
     ]
 
 
-def with_numbers(
-    edits: EditList, kind: str, texts: Mapping[str, str], up: np.ndarray, frames: FrameNumbers
-) -> EditList | str:
+def with_numbers(edits: EditList, kind: str, texts: Mapping[str, str], up: np.ndarray) -> EditList | str:
     """The edits with what was typed into the fields (`texts`, by key); a sentence if it makes no sense."""
     try:
-        return _with_numbers(edits, kind, {key: text.strip() for key, text in texts.items()}, up, frames)
+        return _with_numbers(edits, kind, {key: text.strip() for key, text in texts.items()}, up)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or kind
@@ -83,7 +73,7 @@ def with_numbers(
     return f"{words[:1].upper()}{words[1:]}."
 
 
-def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray, frames: FrameNumbers) -> EditList:
+def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndarray) -> EditList:
     if kind == "details":
         return _with_detail(edits, texts)
     if not any(texts.values()):
@@ -108,22 +98,13 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
     if kind == "floaters":
         values = {key: _number(text, key) for key, text in texts.items() if text}
         return edits.with_(floaters=Floaters.model_validate(values))
-    if kind == "world":
-        placed = {
-            "up": _vector(texts["up"], "up").tolist() if texts["up"] else None,
-            "origin": _vector(texts["origin"] or "0 0 0", "origin").tolist(),
-            "scale": _number(texts["scale"] or "1", "scale"),
-        }
-        world = World.model_validate(placed)
-        return edits.with_(world=None if world == World() else world)
-    first, last = (_frame(_number(texts[key], key), frames) for key in ("first", "last"))
-    return edits.with_(trim=Trim(first=first, last=last))
-
-
-def _frame(number: float, frames: FrameNumbers) -> int:
-    if not number.is_integer() or frames.index(int(number)) is None:
-        raise ValueError(f"the take has frames {frames.known[0]} to {frames.known[-1]}, not {number:g}")
-    return int(number)
+    placed = {
+        "up": _vector(texts["up"], "up").tolist() if texts["up"] else None,
+        "origin": _vector(texts["origin"] or "0 0 0", "origin").tolist(),
+        "scale": _number(texts["scale"] or "1", "scale"),
+    }
+    world = World.model_validate(placed)
+    return edits.with_(world=None if world == World() else world)
 
 
 def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:

@@ -8,16 +8,14 @@ import torch
 
 from gui.drawing.canvas import Canvas
 from gui.drawing.palette import ACCENT, AXES, BAD, FAIR, GROUND, TEXT
-from gui.models.scene.compose import SplatLayer, blend
+from gui.models.scene.compose import SplatLayer, Surfaces, compose
 from gui.models.scene.contents import Color, Lines
-from gui.models.scene.fragments import FRAGMENT, line_fragments, point_fragments
+from gui.models.scene.fragments import line_fragments, point_fragments
 from gui.models.scene.handles import Handle
 from studio.cameras import Camera
 from studio.gaussians import SH_C0, Gaussians
 
 MANY = 3000  # selected splats from which on their dots are small
-HIDDEN = 0.22  # strength of lines that splats hide
-OPAQUE = 0.5  # opacity of the splats in a pixel from which on they hide what is behind them
 
 
 @dataclass(frozen=True)
@@ -39,31 +37,17 @@ def colored(gaussians: Gaussians, removed: np.ndarray, selected: np.ndarray, sho
     return found if show_removed else found[torch.from_numpy(~removed)]
 
 
-def over(splats: SplatLayer, background: Color) -> np.ndarray:
-    """(H, W, 3) uint8: splats before a background, RGB in 0 to 1."""
-    image = splats.image + (1 - splats.alpha[..., None]) * np.array(background, np.float32)
-    found: np.ndarray = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return found
-
-
-def draw_lines(
-    canvas: Canvas, view: Camera, splats: SplatLayer, within: Sequence[Lines], over: Sequence[Lines], dots: np.ndarray
-) -> None:
-    """Draw on the image of the splats: lines `within` them, faintly where they are hidden, and lines over them; and
-    dots at selected splats (N, 3): many are too faint, or behind others, to be seen."""
-    found = np.concatenate([np.empty(0, FRAGMENT), *(line_fragments(view, lines) for lines in within)])
-    at, depth = found["pixel"], found["depth"]
-    hidden = (splats.alpha.reshape(-1)[at] > OPAQUE) & (splats.depth.reshape(-1)[at] < depth)
-    found["cover"][hidden] *= HIDDEN
-    parts = [found, *(line_fragments(view, lines) for lines in over)]
+def composed(
+    view: Camera, splats: SplatLayer, background: Color, among: Sequence[Lines], over: Sequence[Lines], dots: np.ndarray
+) -> Canvas:
+    """The splats before a background, lines `among` and `over` them, and dots at selected splats (N, 3): many are too
+    faint, or behind others, to be seen."""
     colors = np.tile(np.array(FAIR, np.uint8), (len(dots), 1))
-    parts.append(point_fragments(view, dots.astype(np.float64), colors, 2 if len(dots) < MANY else 1))
-    drawn = np.concatenate(parts)
-    covered, drawn["pixel"] = np.unique(drawn["pixel"], return_inverse=True)
-    rows, columns = np.divmod(covered, canvas.width)
-    image = canvas.pixels[rows, columns].astype(np.float32) / 255
-    blend(image, drawn)
-    canvas.pixels[rows, columns] = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    nearest = [line_fragments(view, lines) for lines in over]
+    nearest.append(point_fragments(view, dots.astype(np.float64), colors, 2 if len(dots) < MANY else 1))
+    drawn = np.concatenate([*nearest, *(line_fragments(view, lines) for lines in among)])
+    drawn["depth"][: sum(map(len, nearest))] *= 1e-6
+    return Canvas.of(compose(background, splats, Surfaces(view.width, view.height), drawn))
 
 
 def _seen(view: Camera, *points: Sequence[float] | np.ndarray) -> list[list[float]]:

@@ -48,9 +48,6 @@ HINTS = {
     "detail": "Click a face or a hand that training should give more splats. Drag a dot to change the size.",
 }
 
-_CUT = {"crop": "outside of the box", "ground": "below the plane"}
-"""What the splats are that these tools would remove: nobody has selected them."""
-
 
 def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
     """What to do next, over the image; "" if there is nothing to say. Numbers of splats in the group: `selected`, None
@@ -58,27 +55,13 @@ def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, 
     words = HINTS.get(tool, "")
     if selected is None:
         return words
+    found = f"{counted(selected, 'splat') if selected else 'No splats'} selected"
     if tool == "floaters":
-        limits = _limits(floaters)
         if in_use:
-            return f"Removed already: {limits}. Change the limits with Numbers (#)."
-        if selected or back:
-            found = [*([_count(selected)] if selected else []), *([_back(back)] if back else [])]
-            return f"{', '.join(found)}: {limits}. Press Remove, or change the limits with Numbers (#)."
-        return f"No splats selected in this group: {limits}. Raise the limits, or press Remove for other groups."
-    if tool in ("lasso", "brush"):
-        return f"{_count(selected)}. Press Remove." if selected else f"No splats selected. {words}"
-    if tool in _CUT and selected:
-        return f"{counted(selected, 'splat')} {_CUT[tool]}, which Remove removes. {words}"
-    return f"{_count(selected)}. {words}" if selected else words
-
-
-def _count(selected: int) -> str:
-    return f"{counted(selected, 'splat')} selected"
-
-
-def _back(back: int) -> str:
-    return f"{back:,} splat{'s come' if back != 1 else ' comes'} back"
+            return f"Removed already: {_limits(floaters)}. Change the limits with Numbers."
+        more = f", {back:,} no longer removed" if back else ""
+        return f"{found}{more}: {_limits(floaters)}. Press Remove, or change the limits with Numbers."
+    return f"{found}. Press Remove. {words}" if selected else f"{found}. {words}"
 
 
 def _limits(floaters: Floaters | None) -> str:

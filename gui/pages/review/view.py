@@ -178,7 +178,7 @@ class EditView(OrbitView):
             self._refuse("Nothing is selected. Draw with the lasso or the brush, or choose Floaters.")
             return
         if edits == self.edits:
-            self._refuse("That is removed already. Change it with Numbers (#).")
+            self._refuse("That is removed already. Change it with Numbers.")
             return
         if not self._draws:
             self.commit(edits, self.tool)
@@ -455,8 +455,7 @@ class EditView(OrbitView):
         view = state.orbit.camera(*size)
         shown = picture.colored(edited.gaussians, removed, selected, state.show_removed)
         splats = draw_layer(shown, view)
-        canvas = Canvas.of(picture.over(splats, BACKGROUNDS[state.background]))
-        self._draw_over(canvas, view, state, splats, edited.paths.means[edited.at][selected])
+        canvas = self._drawn(view, state, splats, edited.paths.means[edited.at][selected])
         if state.tool == "floaters":
             limits = (state.pending or state.edits).floaters
             kept = ~(found.crop | found.ground | found.regions)
@@ -483,7 +482,7 @@ class EditView(OrbitView):
         for number, line in enumerate(lines):
             compare.label(canvas, 0.6 * state.em, (2.5 + 1.6 * number) * state.em, line, color=color, size=size)
 
-    def _draw_over(self, canvas: Canvas, view: Camera, state: _State, splats: SplatLayer, selected: np.ndarray) -> None:
+    def _drawn(self, view: Camera, state: _State, splats: SplatLayer, selected: np.ndarray) -> Canvas:
         edits, back = state.pending or state.edits, (state.pending or state.edits).similarity.inverse
         seen = self._seen if len(self._seen) else np.zeros((1, 3))
         middle, reach = np.median(seen, axis=0), float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0
@@ -499,13 +498,15 @@ class EditView(OrbitView):
         over.append(Lines.of(np.array(list(pairwise(state.clicks))), FAIR, 2.0))
         axes = axis_lines(back.points(np.zeros(3)), back.directions(np.eye(3)), 0.25 * reach)
         shows_axes = edits.world is not None or state.tool in ("origin", "up", "scale")
-        picture.draw_lines(canvas, view, splats, within, [*over, axes] if shows_axes else over, selected)
+        over += [axes] if shows_axes else []
+        canvas = picture.composed(view, splats, BACKGROUNDS[state.background], within, over, selected)
         if shows_axes:
             picture.draw_names(canvas, view, axes)
         picture.draw_clicks(canvas, view, state.clicks)
         picture.draw_handles(canvas, view, self.handles(edits), state.held)
         if state.stroke is not None:
             picture.draw_stroke(canvas, state.stroke)
+        return canvas
 
     @property
     def status(self) -> str:

@@ -13,7 +13,6 @@ from gui.pages.review.numbers import fields_of, with_numbers
 from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from gui.pages.review.view import EditView
 from pipelines.takes.edits import read_edits
-from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
 from studio.camera_files import read_rig
 from studio.edits import EditList, Floaters, Trim, World
@@ -120,11 +119,11 @@ def test_a_click_marks_a_detail_and_a_drag_sizes_it(view: EditView) -> None:
     edge = larger.at(0) + larger.radius * UP
     assert camera.project(edge[None])[0][0] == pytest.approx([at[0], at[1] - 30], abs=1.5)
     assert larger.path == mark.path
-    changed = with_numbers(view.edits, "details", {"radius": f"{larger.radius:.4g}", "weight": "7"}, UP, FrameNumbers())
+    changed = with_numbers(view.edits, "details", {"radius": f"{larger.radius:.4g}", "weight": "7"}, UP)
     assert changed.details[0] == larger.model_copy(update={"weight": 7.0}), "what was not changed is not rounded"
-    assert "Weight" in with_numbers(view.edits, "details", {"radius": "1", "weight": "0"}, UP, FrameNumbers())
-    assert with_numbers(view.edits, "details", {"radius": "", "weight": ""}, UP, FrameNumbers()) == EditList()
-    assert "no detail yet" in with_numbers(EditList(), "details", {"radius": "1", "weight": "2"}, UP, FrameNumbers())
+    assert "Weight" in with_numbers(view.edits, "details", {"radius": "1", "weight": "0"}, UP)
+    assert with_numbers(view.edits, "details", {"radius": "", "weight": ""}, UP) == EditList()
+    assert "no detail yet" in with_numbers(EditList(), "details", {"radius": "1", "weight": "2"}, UP)
     assert view.workspace.history.undo() == "Undone: size of a detail."
     assert view.edits.details == (mark,)
 
@@ -258,24 +257,22 @@ def test_numbers_in_fields_say_what_is_there_and_set_it() -> None:
         ("crop", {"low": "-1 0 -1", "high": "1 3.5 1"}),
         ("ground", {"height": "0.25"}),
         ("floaters", {"opacity": "0.05", "share": "", "splats": "20", "distance": "0.1"}),
-        ("trim", {"first": "2", "last": "7"}),
         ("world", {"up": "0 0 1", "origin": "0 1 0", "scale": "3"}),
     ):
-        new = with_numbers(edits, kind, texts, up, FrameNumbers())
+        new = with_numbers(edits, kind, texts, up)
         assert isinstance(new, EditList)
         assert {key: text for key, _, text in fields_of(new, kind, up)} == texts
-        assert with_numbers(new, kind, dict.fromkeys(texts, ""), up, FrameNumbers()).model_dump()[kind] is None
-    box = with_numbers(edits, "crop", {"low": "-1 0 -1", "high": "1 3.5 1"}, up, FrameNumbers()).crop
+        assert with_numbers(new, kind, dict.fromkeys(texts, ""), up).model_dump()[kind] is None
+    box = with_numbers(edits, "crop", {"low": "-1 0 -1", "high": "1 3.5 1"}, up).crop
     assert box.holds(np.array([[0, 0, 1.1], [0, 0, 2.7], [0, 0, 2.8]])).tolist() == [True, True, False]
-    assert with_numbers(edits, "floaters", {"splats": "20"}, up, FrameNumbers()).floaters == Floaters(splats=20)
+    assert with_numbers(edits, "floaters", {"splats": "20"}, up).floaters == Floaters(splats=20)
     for kind, texts in (
         ("crop", {"low": "1 2", "high": "1 2 3"}),
         ("crop", {"low": "1 2 3", "high": "0 0 0"}),
         ("ground", {"height": "x"}),
         ("floaters", {"share": "2"}),
-        ("trim", {"first": "5", "last": "2"}),
         ("world", {"up": "", "origin": "", "scale": "-1"}),
     ):
-        words = with_numbers(edits, kind, texts, up, FrameNumbers())
+        words = with_numbers(edits, kind, texts, up)
         assert isinstance(words, str)
         assert words.endswith(".")
