@@ -35,15 +35,17 @@ class Box:
         return self.x <= x < self.x + self.width and self.y <= y < self.y + self.height
 
 
-def boxes(size: tuple[int, int], count: int, shape: float) -> list[Box]:
-    """Equal boxes in rows that fill an image, for what is `shape` (width by height) and as large as possible."""
+def boxes(size: tuple[int, int], count: int, shape: float, label: int = 0) -> list[Box]:
+    """Equal boxes in rows that fill an image, for what is `shape` (width by height) and as large as possible. `label`:
+    pixels below each for its name, which is right below it."""
 
     def of(columns: int) -> tuple[int, int]:
         rows = -(-count // columns)
         return max((size[0] - GAP * (columns - 1)) // columns, 1), max((size[1] - GAP * (rows - 1)) // rows, 1)
 
-    columns = max(range(count, 0, -1), key=lambda columns: min(of(columns)[0] / shape, of(columns)[1]))
+    columns = max(range(count, 0, -1), key=lambda columns: min(of(columns)[0] / shape, of(columns)[1] - label))
     width, height = of(columns)
+    height = min(height, round(width / shape) + label) if label else height
     return [
         Box(number % columns * (width + GAP), number // columns * (height + GAP), width, height)
         for number in range(count)

@@ -13,6 +13,7 @@ from gui.models.take.workspace import Workspace
 from gui.pages.bake.view import BakeView
 from gui.pages.calibrate.points_view import PointsView
 from gui.pages.calibrate.view import CalibrateView
+from gui.pages.capture.camera_color_pairs import CameraColorsView
 from gui.pages.capture.view import GARBAGE, MASKS, CaptureView
 from gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
 from gui.pages.initialize import InitializeView
@@ -43,6 +44,8 @@ class StageViews:
         for stage in TITLES.keys() - self.stage_views.keys() - {"review"}:
             self.stage_views[stage] = StageView(workspace, stage)
         self.points = PointsView(workspace)
+        views = (self.points, CameraColorsView(workspace))
+        self._by_mode: dict[str, StageView] = {mode: view for view in views for mode in view.modes}
         self.editor = EditView(workspace)
         self.editing = False  # whether Review shows the edits
         self._edits = EditList()  # before the changes since they are on screen
@@ -184,7 +187,7 @@ class StageViews:
 
     @property
     def _all(self) -> tuple[StageView, ...]:
-        return (*self.stage_views.values(), self.points, self.editor)
+        return (*self.stage_views.values(), *self._by_mode.values(), self.editor)
 
     @property
     def shows_player(self) -> bool:
@@ -197,12 +200,13 @@ class StageViews:
             return None
         if self.edits_take:
             return self.editor
-        return self.points if self.edits_points else self.stage_views[self.stage]
+        chosen = self.stage_views[self.stage]
+        return self._by_mode.get(chosen.mode, chosen)
 
     @property
     def edits_points(self) -> bool:
         """Whether the view of manual tie points is on screen."""
-        return self.stage == "calibrate" and self.stage_views["calibrate"].mode in self.points.modes
+        return self.stage_view is self.points
 
     @property
     def _over_footage(self) -> bool:

@@ -1,4 +1,4 @@
-"""Train: live curves, the latest render of a held-out camera next to its footage, and the colors of the cameras."""
+"""Train: live curves, and the latest render of a held-out camera next to its footage."""
 
 from collections.abc import Hashable
 from contextlib import suppress
@@ -15,8 +15,6 @@ from gui.drawing.plots import curve, legend
 from gui.models.scene.compose import draw
 from gui.models.stages import performer_over
 from gui.models.take.run_state import Curve
-from gui.models.take.workspace import Workspace
-from gui.pages.capture.camera_color_pairs import CameraColorPairs
 from gui.pages.stage_view import Size, StageView, sentence
 from pipelines.runs.staleness import MISSING
 from pipelines.takes.frame_files import read_frame
@@ -29,8 +27,6 @@ CURVES = (
     ("splats", "Splats", "{:,.0f}"),
 )
 
-COLORS = "camera colors"  # the mode in which the cameras' colors are compared
-
 NOT_RUN = "no values yet"
 
 _LANES = 0.6  # share of the width that the groups of a run on several machines take
@@ -39,17 +35,11 @@ _LANES = 0.6  # share of the width that the groups of a run on several machines 
 class TrainView(StageView):
     """See the module."""
 
-    modes = ("progress", COLORS)
-
-    def __init__(self, workspace: Workspace) -> None:
-        super().__init__(workspace)
-        self._pairs = CameraColorPairs(workspace)
+    modes = ("progress", "camera colors")  # the last is `CameraColorsView`'s
 
     def state(self) -> Hashable:
         """The run's metrics and previews, and the trained frames."""
         run, take = self.workspace.run, self.workspace.take
-        if self.mode == COLORS:
-            return (self._pairs.stamp, self.em)
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
         lanes = tuple(run.lanes.get("train", {}).values())
@@ -63,11 +53,6 @@ class TrainView(StageView):
         return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        if self.mode == COLORS:
-            picture = self._pairs.draw(size, self.em)
-            self.places = self._pairs.places
-            return picture
-        self.places = []
         context = self.workspace.context
         if context is None:
             return sentence(size, self.workspace.without_settings, self.em)

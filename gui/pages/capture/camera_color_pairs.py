@@ -8,11 +8,11 @@ import numpy as np
 import torch
 
 from gui.drawing.canvas import Canvas, wrapped
+from gui.drawing.compare import boxes
 from gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
 from gui.models.stages import Inputs
 from gui.models.take.workspace import Workspace, modified
-from gui.pages.capture.view import grid
-from gui.pages.stage_view import Size, rectangle, sentence
+from gui.pages.stage_view import Size, StageView, rectangle, sentence
 from pipelines.takes.atomic_files import read_model
 from pipelines.takes.stage_files import CameraColors
 from studio.cameras import FootageView
@@ -35,31 +35,31 @@ MARGIN = 0.08  # space around the performer, as a share of its size
 _Pictures = dict[str, tuple[np.ndarray, np.ndarray] | str]  # by camera, (H, W, 3) uint8; or why there are none
 
 
-class CameraColorPairs:
-    """Draws the pairs; images are read bit by bit, as `draw` is called again while `stamp` changes."""
+class CameraColorsView(StageView):
+    """Draws the pairs; images are read bit by bit, as the state changes with each camera whose images were read."""
+
+    modes = ("camera colors",)
 
     def __init__(self, workspace: Workspace) -> None:
-        self.workspace = workspace
-        self.places: list[tuple[str, np.ndarray]] = []
+        super().__init__(workspace)
         self._fits: MemoryCache[Hashable, tuple[CameraColors, _Pictures]] = MemoryCache(1)
 
-    @property
-    def stamp(self) -> Hashable:
-        """Changes with the fit, and with each camera whose images were read."""
+    def state(self) -> Hashable:
+        """The fit, and how many cameras' images were read."""
         context = self.workspace.context
         if context is None:
-            return None
+            return self.em
         of = self._of(context)
         fit = self._fits.get(of)
-        return (*of, len(fit[1]) if fit is not None else 0)
+        return (of, len(fit[1]) if fit is not None else 0, self.em)
 
     def _of(self, context: Inputs) -> tuple[Hashable, ...]:
         path = context.take.camera_colors
         return (path, modified(path), context.config.train.camera_colors, context.config.capture.model_dump_json())
 
-    def draw(self, size: Size, em: float) -> np.ndarray:
-        """(height, width, 3) uint8. Raises StudioError: the file of the colors is damaged, or there is no footage."""
-        context = self.workspace.context
+    def draw(self, size: Size, state: Hashable) -> np.ndarray:
+        """See `StageView`. Raises StudioError: the file of the colors is damaged, or there is no footage."""
+        context, em = self.workspace.context, self.em
         self.places = []
         if context is None:
             return sentence(size, self.workspace.without_settings, em)
@@ -70,7 +70,7 @@ class CameraColorPairs:
         path = context.take.camera_colors
         colors, pictures = self._fits.get_or_make(self._of(context), lambda _: (read_model(path, CameraColors), {}))
         self._read(context, colors, pictures)
-        return self._drawn(size, em, colors, pictures)
+        return self._drawn(size, colors, pictures)
 
     def _read(self, context: Inputs, colors: CameraColors, pictures: _Pictures) -> None:
         footage, frame = context.calibrated_footage, context.groups[0].keyframe
@@ -84,8 +84,8 @@ class CameraColorPairs:
             if time.monotonic() > until:
                 return
 
-    def _drawn(self, size: Size, em: float, colors: CameraColors, pictures: _Pictures) -> np.ndarray:
-        canvas = Canvas(*size, GROUND)
+    def _drawn(self, size: Size, colors: CameraColors, pictures: _Pictures) -> np.ndarray:
+        canvas, em = Canvas(*size, GROUND), self.em
         small = round(0.85 * em)
         names = list(colors.cameras)
         words = (
@@ -95,22 +95,20 @@ class CameraColorPairs:
         top = 0.3 * em + canvas.lines(em, 0.5 * em, wrapped(words, small, size[0] - 2 * em), small, DIM)
         there = [one for one in pictures.values() if not isinstance(one, str)]
         aspect = float(np.median([2 * one[0].shape[1] / one[0].shape[0] for one in there])) if there else 1.0
-        width, row = grid(len(names), size[0], size[1] - top, aspect, small)
-        columns = max(size[0] // width, 1)
-        for number, name in enumerate(names):
-            x, y = number % columns * width, top + number // columns * row
-            self.places.append((name, rectangle(x, y, width, row)))
-            high = row - small - 11
+        below = small + 8  # of the names
+        for name, box in zip(names, boxes((size[0], round(size[1] - top)), len(names), aspect, below), strict=True):
+            x, y, width, high = box.x, top + box.y, box.width, box.height - below
+            self.places.append((name, rectangle(x, y, width, box.height)))
             found = pictures.get(name)
             if found is None or isinstance(found, str):
-                canvas.rect(x + 3, y + 3, width - 6, high, RAISED)
+                canvas.rect(x, y, width, high, RAISED)
                 if found is not None:
-                    canvas.lines(x + 9, y + 9, wrapped(found, small, width - 18), small, BAD)
+                    canvas.lines(x + 6, y + 6, wrapped(found, small, width - 12), small, BAD)
             else:
                 for side, picture in enumerate(found):
-                    canvas.fit_image(x + 3 + side * (width / 2 - 2), y + 3, width / 2 - 4, high, picture)
+                    canvas.fit_image(x + side * width / 2, y, width / 2 - 1, high, picture)
             caption = f"{name}: {counted(round(colors.off_on_gray(name)), 'level')}"
-            canvas.text(x + width / 2, y + row - small - 7, caption, small, TEXT, align="middle", width=width)
+            canvas.text(x + width / 2, y + high + 2, caption, small, TEXT, align="middle", width=width)
         return canvas.pixels
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
+from gui.drawing.compare import boxes
 from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from gui.models.held_out import held_out_first
 from gui.models.playback.image_zoom import Magnifier
@@ -122,16 +123,16 @@ class CaptureView(StageView):
         image_at = self.image_at = None
         drawn = self.garbage.polygons() if self.mode == GARBAGE else {}
         wide, high = footage.raw_size(names[0])
-        width, row = grid(len(names), canvas.width, height, wide / high, self._small)
-        columns = max(canvas.width // width, 1)
-        for number, name in enumerate(names):
-            x, y = number % columns * width, number // columns * row
+        below = self._small + 8  # of the names
+        cells = boxes((canvas.width, round(height)), len(names), wide / high, below)
+        for name, box in zip(names, cells, strict=True):
+            x, y, width, room = box.x, box.y, box.width, box.height - below
             held_out = name in footage.held_out_cameras
             if not draws:  # then clicks are corners
-                places.append((name, rectangle(x, y, width, row)))
+                places.append((name, rectangle(x, y, width, box.height)))
             try:
                 picture = self._thumbnail(opened, name, frame, WIDEST if alone else WIDE)
-                left, top, wide, high = canvas.fit_image(x + 3, y + 3, width - 6, row - self._small - 11, picture)
+                left, top, wide, high = canvas.fit_image(x, y, width, room, picture)
                 if self.mode == GARBAGE:
                     at = Magnifier(footage.raw_size(name), (left, top, wide, high))
                     draw_garbage(canvas, at, drawn.get(name), self.garbage.corners if alone else ())
@@ -139,15 +140,15 @@ class CaptureView(StageView):
                 if held_out:
                     canvas.frame(left, top, wide, high, HELD_OUT)
             except StudioError as error:
-                canvas.rect(x + 3, y + 3, width - 6, row - self._small - 11, RAISED)
-                room = max(int(row // line_height(self._small)) - 2, 1)
-                lines = shortened(str(error), self._small, width - 18, room, "...")
-                canvas.lines(x + 9, y + 9, lines, self._small, BAD)
+                canvas.rect(x, y, width, room, RAISED)
+                most = max(int(room // line_height(self._small)) - 1, 1)
+                lines = shortened(str(error), self._small, width - 12, most, "...")
+                canvas.lines(x + 6, y + 6, lines, self._small, BAD)
             label = f"{name}, held out" if held_out else name
             if self.mode == EVIDENCE:
                 label += opened.own_share(name, frame)
             label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
-            canvas.text(x + width / 2, y + row - self._small - 7, label, self._small, TEXT, align="middle", width=width)
+            canvas.text(x + width / 2, y + room + 2, label, self._small, TEXT, align="middle", width=width)
         self.places, self.image_at = places, image_at
 
     def _thumbnail(self, opened: _Reduced, name: str, frame: int, widest: int) -> np.ndarray:
@@ -237,19 +238,6 @@ def outlined(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     inside = (mask > 127).astype(np.uint8)
     shown[cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0] = TINT
     return shown
-
-
-def grid(count: int, width: int, height: float, aspect: float, label: int) -> tuple[int, int]:
-    """(width, height) of the largest cells that fit `count` images of an aspect ratio, with a label under each."""
-    best = (1, 1)
-    for columns in range(1, count + 1):
-        rows = -(-count // columns)
-        wide = width // columns
-        high = min(round((wide - 6) / aspect) + label + 11, int(height // rows))
-        area = min(wide - 6, (high - label - 11) * aspect)
-        if area > min(best[0] - 6, (best[1] - label - 11) * aspect):
-            best = (wide, high)
-    return best
 
 
 class FootageCheck:

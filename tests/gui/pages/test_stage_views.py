@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from gui.drawing.compare import boxes
 from gui.drawing.palette import GROUND
 from gui.models.evaluation import Evaluation
 from gui.models.marks import Marks
@@ -16,7 +17,6 @@ from gui.models.take.inspector import review_blocks
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.qp_trial import TRIED_QPS
 from gui.pages.calibrate.points_view import PointsView
-from gui.pages.capture.view import grid
 from gui.pages.stage_view import StageView
 from gui.pages.stage_views import StageViews
 from gui.pages.train import NOT_RUN
@@ -131,8 +131,8 @@ def test_capture_shows_the_image_of_every_camera(views: StageViews, finished: Pa
     views.choose("masks")  # pressed at first
     picture = shown(views)
     small = round(0.85 * 16)
-    width, height = grid(6, *SIZE, 64 / 48, small)
-    scale = min((width - 6) / 64, (height - small - 11) / 48)
+    (box, *_) = boxes(SIZE, 6, 64 / 48, small + 8)
+    scale = min(box.width / 64, (box.height - small - 8) / 48)
     places = set()
     for number in range(6):
         file = finished / "capture" / "images" / f"cam{number}" / "000.png"

@@ -5,7 +5,7 @@ import pytest
 
 from gui.models.take.workspace import Workspace
 from gui.pages.capture import camera_color_pairs
-from gui.pages.capture.camera_color_pairs import CameraColorPairs
+from gui.pages.capture.camera_color_pairs import CameraColorsView
 from pipelines.takes.atomic_files import write_model
 from pipelines.takes.stage_files import CameraColors
 from pipelines.takes.take import Take
@@ -23,14 +23,14 @@ def test_cameras_appear_as_they_are_read(
     names = (*workspace.context.calibrated_footage.train_cameras[:2], "gone")
     colors = CameraColors(key="k", frame=0, cameras=dict.fromkeys(names, MATRIX))
     write_model(workspace.context.take.camera_colors, colors)
-    pairs = CameraColorPairs(workspace)
+    pairs = CameraColorsView(workspace)
     pictures = []
     for _ in names:
-        stamp = pairs.stamp
-        pictures.append(pairs.draw(SIZE, 16.0))
-        assert pairs.stamp != stamp, "drawn again"
+        stamp = pairs.state()
+        pictures.append(pairs.draw(SIZE, ()))
+        assert pairs.state() != stamp, "drawn again"
     assert [name for name, _ in pairs.places] == list(names)
     assert all((one != other).any() for one, other in pairwise(pictures))
-    stamp = pairs.stamp
-    assert (pairs.draw(SIZE, 16.0) == pictures[-1]).all()
-    assert pairs.stamp == stamp, "at rest"
+    stamp = pairs.state()
+    assert (pairs.draw(SIZE, ()) == pictures[-1]).all()
+    assert pairs.state() == stamp, "at rest"
