@@ -25,6 +25,15 @@ class QpTrial:
     def running(self) -> bool:
         return not self._worker.idle
 
+    @property
+    def cells(self) -> list[list[str]]:
+        """The table: titles, and a row for each QP that was tried."""
+        rows = [["QP", "KB per frame", "Mbit/s", "PSNR, dB"]]
+        for qp, found in sorted(self.results.items()):
+            size = found.bytes_per_frame
+            rows.append([str(qp), f"{size / 1000:.1f}", f"{size * self.fps * 8 / 1e6:.2f}", f"{found.psnr:.2f}"])
+        return rows
+
     def start(self, workspace: Workspace, numbers: FrameNumbers) -> None:
         """Start, unless these frames and settings have been tried. Raises StudioError: `take.not_trained`."""
         take, context = workspace.take, workspace.context

@@ -8,7 +8,7 @@ import numpy as np
 from gui.drawing.canvas import Canvas, line_height
 from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
 from gui.models.take.workspace import Workspace, modified
-from gui.pages.bake.qp_chart import QpChart
+from gui.pages.bake.qp_chart import draw_trial
 from gui.pages.bake.qp_trial import QpTrial
 from gui.pages.report_table import cells_text
 from gui.pages.stage_view import Size, StageView
@@ -87,9 +87,9 @@ class BakeView(StageView):
             if config is None:
                 raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
             self.trial.start(self.workspace, self.numbers)
-            chart = QpChart(size, self.em, self.trial, config.bake.quality, self._done)
-            self.points, self._cells = chart.points, chart.cells
-            return chart.canvas.pixels
+            canvas, self._cells = Canvas(*size, GROUND), self.trial.cells
+            self.points = draw_trial(canvas, self.em, self.trial, config.bake.quality, self._done)
+            return canvas.pixels
         if not take.has_stream:
             raise StudioError("take.not_baked", "no stream yet", fix="Run all stages.")
         with StreamReader.open(take.stream) as reader:
