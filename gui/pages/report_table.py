@@ -44,5 +44,5 @@ def cells_text(lines: Sequence[Sequence[str]]) -> str:
 def _figure(words: str) -> float | None:
     try:
         return float(words.replace("\N{DEGREE SIGN}", "%").partition("%")[0])
-    except ValueError:  # "from a file", or nothing
+    except ValueError:
         return None

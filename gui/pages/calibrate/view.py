@@ -40,8 +40,6 @@ TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: Capture > Cameras"
 
-NOT_KNOWN = "from a file"  # the error of a camera that was not calibrated
-
 COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask error", "refined by")
 PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True))
 """Titles of the report's columns besides the cameras' names, and where columns end, shares of the width."""
@@ -223,13 +221,12 @@ class CalibrateView(OrbitView):
         source = (report.source if report is not None else None) or "an unknown source"
         source = "a file" if isinstance(report, CamerasFromFile) else source
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
-        columns, same = self._columns()
+        columns = self._columns()
         held_out = held_out_cameras(self.workspace.context)
         if isinstance(report, CalibrationReport):
             figures = report.reprojection
             facts.append(f"reprojection error: mean {figures.mean:.2f} px, p95 {figures.p95:.2f} px")
-        facts += same
-        canvas.text(em, y, ", ".join(filter(None, facts)), normal, TEXT, width=size[0] - 2 * em)
+        canvas.text(em, y, ", ".join(facts), normal, TEXT, width=size[0] - 2 * em)
         y += step
         color = DIM if verdict is None else GRADES[verdict.grade]
         for sentence in self._checked.sentences:
@@ -300,27 +297,17 @@ class CalibrateView(OrbitView):
     def status(self) -> str:
         return "Click a title to sort. Ctrl+C copies the table." if self.mode == "report" and self._text else ""
 
-    def _columns(self) -> tuple[dict[str, list[str]], list[str]]:
-        """The columns of the report by title, without those in which nothing stands or which have the same in every
-        row, and what is the same in every row."""
+    def _columns(self) -> dict[str, list[str]]:
+        """The columns of the report by title, without empty ones."""
         rows = []
         for camera in self._cameras:
             found = self._figures(camera.name)
-            known = [NOT_KNOWN, "", ""]
+            known = ["", "", ""]
             if found is not None:
                 known = [f"{found.mean:.2f}", str(found.observations), f"{100 * found.coverage:.0f}%"]
             rows.append([*known, f"{camera.fx:.0f}", *self._checks(camera.name)])
-        columns, same = {}, []
-        for title, words in zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True):
-            if len(words) > 1 and len(set(words)) == 1:
-                what, _, unit = title.partition(" ")
-                said = (
-                    "no reprojection errors" if words[0] == NOT_KNOWN else f"{what} {words[0]} {unit}".strip() + " each"
-                )
-                same += [said] if words[0] else []
-            elif any(words):
-                columns[title] = words
-        return columns, same
+        columns = dict(zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True))
+        return {title: words for title, words in columns.items() if any(words)}
 
     def _checks(self, name: str) -> list[str]:
         """The last three columns of a camera."""

@@ -47,30 +47,20 @@ class Card:
         parent, home = str(Path(self.place).parent), str(Path.home())
         return "~" + parent[len(home) :] if parent == home or parent.startswith(home + "/") else parent
 
-    def sizes(self) -> tuple[str, ...]:
-        """The sizes in words, the longest first: "930.0 KB stream, 214.0 MB in all", "stream 930.0 KB of 214.0 MB"; ()
-        if nothing is known."""
-        stream = None if self.stream_bytes is None else size_words(self.stream_bytes)
-        total = None if self.total_bytes is None or self.kind != "take" else size_words(self.total_bytes)
-        if stream is None or total is None:
-            return tuple(f"{size} {of}" for size, of in ((stream, "stream"), (total, "in all")) if size is not None)
-        return f"{stream} stream, {total} in all", f"stream {stream} of {total}", f"{stream} of {total}"
+    @property
+    def sizes(self) -> str:
+        """ "stream 930.0 KB of 214.0 MB", as far as they are known."""
+        stream = "" if self.stream_bytes is None else f"stream {size_words(self.stream_bytes)}"
+        total = "" if self.total_bytes is None or self.kind != "take" else size_words(self.total_bytes)
+        return " of ".join(filter(None, (stream, total)))
 
 
 def date_words(when: float | None) -> str:
-    """ "today 14:05", "yesterday 09:30", "3 Mar", "3 Mar 2025", in local time; "" for None and for what is no date."""
-    if when is None:
-        return ""
+    """ "2026-03-03" in local time; "" for None and for what is no date."""
     try:
-        moment = datetime.datetime.fromtimestamp(when)
+        return "" if when is None else f"{datetime.datetime.fromtimestamp(when):%Y-%m-%d}"
     except (OverflowError, ValueError, OSError):  # a file's time can be anything
         return ""
-    today = datetime.date.today()
-    days = (today - moment.date()).days
-    if days in (0, 1):
-        return f"{'today' if days == 0 else 'yesterday'} {moment:%H:%M}"
-    day = f"{moment.day} {moment:%b}"
-    return day if moment.year == today.year else f"{day} {moment.year}"
 
 
 def describe(place: str, sizes: Sizes | None = None) -> Card:

@@ -37,10 +37,6 @@ NO_SAMPLE = "Comes with the source of V3 Studio"
 
 HINTS = {
     "back": "Go back to the open take or stream (H, Escape)",
-    "new": "Create a take from a folder of videos or images",
-    "open": "Choose the folder of a take or of a stream",
-    "address": "Open a stream by its URL",
-    "sample": "Create or open a take of the sample capture, and show what is where",
     "forget": "Remove entries that no longer exist from the list; no file is touched",
     "remove": "Remove it from the list (Delete); no file is touched",
     "queue": "Add, move, remove and retry takes (Q)",
@@ -187,10 +183,7 @@ class StartImage:
         quality = "" if card.quality is None else MAIN.text(card.quality)
         across = canvas.text(x + pad, top, quality, small, GOOD if current else DIM)
         gap = 0.8 * em if across else 0.0
-        left = room - across - gap
-        sizes = card.sizes() or ("",)
-        fits = next((one for one in sizes if text_width(one, small) <= left), sizes[-1])
-        canvas.text(x + pad + across + gap, top, fits, small, DIM, width=left)
+        canvas.text(x + pad + across + gap, top, card.sizes, small, DIM, width=room - across - gap)
         canvas.text(x + pad, top + 1.35 * em, card.folder, small, DIM, width=room)
         if under or card.kind in ("missing", "damaged"):
             side = 1.6 * em
