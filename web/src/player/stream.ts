@@ -52,6 +52,7 @@ export class V3Stream extends Emitter<StreamEvents> {
   private readonly videos = new VideoReader();
   private asked: Asked[] = [];
   private failure: string | null = null;
+  private number = 0; // how many streams were opened
   private readonly options: Required<StreamOptions>;
 
   constructor(options: StreamOptions = {}) {
@@ -72,7 +73,7 @@ export class V3Stream extends Emitter<StreamEvents> {
     const url = typeof source === "string" ? new URL(source, inPage ? document.baseURI : location.href).href : null;
     const early = inPage && url !== null ? takeEarlyFiles(url) : {};
     const { options, maxTexture } = this;
-    this.post({ type: "open", source: url ?? source, early, maxTexture, ...options }, Object.values(early));
+    this.post({ type: "open", number: ++this.number, source: url ?? source, early, maxTexture, ...options }, Object.values(early));
     const opened = new Promise<StreamInfo>((resolve, reject) => {
       this.opening = { resolve, reject };
     });
@@ -147,6 +148,7 @@ export class V3Stream extends Emitter<StreamEvents> {
   }
 
   private receive(message: FromWorker): void {
+    if (message.number !== this.number) return; // of a stream before
     switch (message.type) {
       case "opened":
       case "grown":
@@ -162,9 +164,9 @@ export class V3Stream extends Emitter<StreamEvents> {
         break;
       }
       case "leftOut": {
-        if (this.info === null) return; // it is of the stream before
-        const { groups } = this.info;
+        const { groups } = this.info!;
         const { group, message: why } = message.value;
+        if (this.leftOut.has(group)) return;
         this.leftOut.set(group, why);
         const lost = this.asked.filter(({ frame }) => groupOfFrame(groups, frame) === group);
         this.asked = this.asked.filter((one) => !lost.includes(one));

@@ -45,7 +45,6 @@ export class VideoReader {
   dispose(): void {
     for (const player of this.players) player.close();
     this.gl?.getExtension("WEBGL_lose_context")?.loseContext();
-    this.gl = null;
   }
 
   private readBack(element: HTMLVideoElement, { width, height }: Video): ArrayBuffer {

@@ -234,16 +234,13 @@ function checkTotal(manifest: stored.Manifest, bytes: number): void {
     throw wrong("total_bytes", `must be at least ${known}`, manifest.total_bytes);
 }
 
-/** What a live stream's new manifest changed that may not change, or null. See docs/STREAM.md, "Live streams". */
-export function whatChanged(old: Manifest, now: Manifest): string | null {
-  for (const key of ["profile", "fps"] as const) if (old[key] !== now[key]) return key;
-  if (old.codec.name !== now.codec.name) return "codec";
-  const ids = (manifest: Manifest): string => manifest.renditions.map(({ id }) => id).join();
-  if (ids(old) !== ids(now)) return "renditions";
-  if (!old.spans.every(({ frameCount }, i) => frameCount === now.spans[i]?.frameCount)) return "groups";
+/** Whether a live stream's new manifest only adds groups (docs/STREAM.md, "Live streams"). */
+export function onlyGrows(old: Manifest, now: Manifest): boolean {
+  const head = ({ profile, fps, codec, renditions }: Manifest): string => [profile, fps, codec.name, ...renditions.map(({ id }) => id)].join();
   const paths = ({ renditions }: stored.GroupEntry): string => renditions.flatMap((one) => filesOf(one).map(({ path }) => path)).join();
-  if (old.groups.some((group, i) => i < now.groups.length && paths(group) !== paths(now.groups[i]))) return "groups";
-  return null;
+  return head(old) === head(now) &&
+    old.spans.every(({ frameCount }, i) => frameCount === now.spans[i]?.frameCount) &&
+    old.groups.every((group, i) => i >= now.groups.length || paths(group) === paths(now.groups[i]));
 }
 
 /** The group that contains a frame, by bisection; `frame` must be within the stream. */

@@ -11,17 +11,20 @@ interface Scope {
 }
 
 const scope = self as unknown as Scope;
-const report: Report = (type, value, transfer) => scope.postMessage({ type, value } as FromWorker, transfer);
-let session: Session | null = null;
+let closing = new AbortController();
+let opening: Promise<Session | null> = Promise.resolve(null);
 
 scope.onmessage = ({ data }) => {
   if (data.type !== "open") {
-    session?.receive(data);
+    void opening.then((session) => session?.receive(data));
     return;
   }
-  session?.close();
-  const opened = (session = new Session(report, data));
-  opened.open().catch((error: unknown) => {
-    if (session === opened) report("failed", messageOf(error));
+  closing.abort();
+  closing = new AbortController();
+  const report: Report = (type, value, transfer) =>
+    scope.postMessage({ number: data.number, type, value } as FromWorker, transfer);
+  opening = Session.open(report, data, closing.signal).catch((error: unknown) => {
+    report("failed", messageOf(error));
+    return null;
   });
 };

@@ -32,6 +32,8 @@ export interface StreamOptions {
 
 export interface OpenRequest extends Required<StreamOptions> {
   readonly type: "open";
+  /** Of the stream among those that were opened; the worker's messages about it have the same. */
+  readonly number: number;
   readonly source: StreamSource;
   readonly early: EarlyPorts;
   /** Largest side of a texture that the device can render from. */
@@ -180,4 +182,6 @@ interface Reports extends StreamEvents {
 /** Reports an event from the worker, with what to transfer. */
 export type Report = <K extends keyof Reports>(type: K, value: Reports[K], transfer?: Transferable[]) => void;
 
-export type FromWorker = { [K in keyof Reports]: { readonly type: K; readonly value: Reports[K] } }[keyof Reports];
+export type FromWorker = {
+  [K in keyof Reports]: { readonly number: number; readonly type: K; readonly value: Reports[K] }
+}[keyof Reports];

@@ -1,12 +1,12 @@
 /** An open stream: turns requests for frames into sorted images. */
 
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
-import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, whatChanged } from "../stream/manifest.ts";
+import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, onlyGrows } from "../stream/manifest.ts";
 import { pictureSize, planePositions } from "../stream/picture.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { HttpSource } from "./http.ts";
-import type { DepthAxis, OpenRequest, Picture, Report, SessionRequest, StreamInfo } from "./messages.ts";
+import type { DepthAxis, EarlyPorts, OpenRequest, Picture, Report, SessionRequest, StreamInfo, StreamSource } from "./messages.ts";
 import { Closed, type Luma, PathFailed } from "./pictures.ts";
 import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
@@ -26,22 +26,11 @@ interface Decoded {
   readonly pixels: Uint32Array | null;
 }
 
-/** What there is once the manifest has been read. */
-interface Opened {
-  readonly files: StreamFiles;
-  readonly store: GroupStore;
-  readonly groups: PreparedGroups;
-}
-
 export class Session {
   private readonly pool = new Pool();
   private readonly sorter = new DepthSorter();
-  private readonly closing = new AbortController();
-  private opened: Opened | null = null;
-  private loop: boolean;
-  /** Whether the playhead moves, and the group of the last requested frame. */
-  private moving = false;
-  private playing = 0;
+  private readonly store: GroupStore;
+  private readonly groups: PreparedGroups;
   private wanted: { readonly frame: number; readonly axis: DepthAxis | null } | null = null;
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
@@ -50,26 +39,34 @@ export class Session {
    * ahead, so the one on the screen can be either. */
   private readonly decoded: Decoded[] = [];
   private setupSent = -1; // the group whose setup the page has; -1 for none
-  private readonly leftOut = new Set<number>(); // groups that the page knows to be skipped
   /** Prepared groups that were fetched again in a better rendition while they were played. */
   private readonly outdated = new Set<number>();
   private soundWanted = true;
-  private bandwidth = 0;
-  private received = 0;
 
-  constructor(private readonly report: Report, private readonly request: OpenRequest) {
-    this.loop = request.loop;
+  /** Fetches and validates the manifest. `signal` closes the session. StreamError: the manifest is missing or damaged, or the
+   * stream cannot be played here. */
+  static async open(report: Report, request: OpenRequest, signal: AbortSignal): Promise<Session> {
+    const received = new Received();
+    const { source, name } = openSource(request.source, request.early, received, (message) => report("notice", message));
+    const files = new StreamFiles(source, name, () => report("updated", undefined), signal);
+    files.manifest = await files.read();
+    signal.throwIfAborted();
+    checkDevice(files.manifest, request.maxTexture);
+    const session = new Session(report, request, files, received, signal);
+    report("opened", streamInfo(files.manifest));
+    report("path", session.groups.path);
+    if (files.manifest.live) void session.watch();
+    return session;
   }
 
-  /** Fetches and validates the manifest. StreamError: it is missing or damaged, or the stream cannot be played here. */
-  async open(): Promise<void> {
-    const { request, closing } = this;
-    const { source, name } = this.openSource();
-    const files = new StreamFiles(source, name, () => this.report("updated", undefined), closing.signal);
-    const manifest = await files.read();
-    closing.signal.throwIfAborted();
-    checkDevice(manifest, request.maxTexture);
-    files.manifest = manifest;
+  private constructor(
+    private readonly report: Report,
+    request: OpenRequest,
+    private readonly files: StreamFiles,
+    received: Received,
+    private readonly signal: AbortSignal,
+  ) {
+    const { manifest } = files;
     const rates = manifest.renditions.map(({ bandwidth }) => bandwidth);
     const ids = manifest.renditions.map(({ id }) => id);
     const fixed = request.rendition === null ? 0 : ids.indexOf(request.rendition);
@@ -78,69 +75,39 @@ export class Session {
     const remote = typeof request.source === "string";
     const rule = rates.length > 1 && remote && request.rendition === null ? new RateRule(rates) : null;
     const fetched = (): void => {
-      this.report("fetched", { groups: store.present, bytes: this.received, bandwidth: this.bandwidth });
+      this.report("fetched", { groups: this.store.present, bytes: received.bytes, bandwidth: received.bandwidth });
     };
-    const improved = (group: number): void => this.improved(group);
-    const store = new GroupStore(files, rule, fixed, request.maxTexture, fetched, improved, closing.signal);
-    const groups = new PreparedGroups(manifest, store, this.report, this.pool, request.path);
-    this.opened = { files, store, groups };
-    this.report("opened", streamInfo(manifest));
-    this.report("path", groups.path);
-    if (manifest.live) void this.watch(this.opened);
-  }
-
-  /** Where the files are, and the manifest's name there. */
-  private openSource(): { source: Source; name: string } {
-    const { source, early } = this.request;
-    if (source instanceof File) return { source: new ArchiveSource(rangesOf(source), source.name), name: MANIFEST_NAME };
-    if (typeof source !== "string") return { source: new EmbeddedSource(source), name: MANIFEST_NAME };
-    const address = new URL(source);
-    if (!["http:", "https:"].includes(address.protocol))
-      throw new StreamError(`Streams are played from http and https addresses; found "${address.protocol}".`);
-    const packed = /\.v3s$/i.test(address.pathname);
-    if (!packed && !address.pathname.endsWith(".json"))
-      address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
-    const http = new HttpSource(
-      address.href,
-      (bytes, milliseconds) => this.count(bytes, milliseconds),
-      (message) => this.report("notice", message),
-      early,
-    );
-    const name = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
-    if (!packed) return { source: http, name };
-    return { source: new ArchiveSource((...range) => http.readRange(name, ...range), name), name: MANIFEST_NAME };
+    this.store = new GroupStore(files, rule, fixed, request.maxTexture, fetched, (group) => this.improved(group), signal);
+    this.store.loop = request.loop;
+    this.groups = new PreparedGroups(manifest, this.store, report, this.pool, request.path);
+    signal.addEventListener("abort", () => this.groups.dropAll());
   }
 
   /** Reads the manifest of a live stream again until it is complete. */
-  private async watch(opened: Opened): Promise<void> {
+  private async watch(): Promise<void> {
+    const { files } = this;
     for (;;) {
-      const { fps, frame_count: frameCount, spans } = opened.files.manifest;
+      const { fps, frame_count: frameCount, spans } = files.manifest;
       const pause = Math.min(Math.max(frameCount / fps / spans.length, SHORTEST_PAUSE), LONGEST_PAUSE);
       await new Promise((resolve) => setTimeout(resolve, 1000 * pause));
-      if (this.closing.signal.aborted) return;
+      if (this.signal.aborted) return;
       let manifest: Manifest;
       try {
-        manifest = await opened.files.read();
+        manifest = await files.read();
       } catch {
         continue; // the source has retried, and has notified the viewer
       }
-      const old = opened.files.manifest;
-      if (manifest.manifest_sha256 === old.manifest_sha256) continue;
-      if (whatChanged(old, manifest) !== null) {
-        opened.files.replace();
+      if (manifest.manifest_sha256 === files.manifest.manifest_sha256) continue;
+      if (!onlyGrows(files.manifest, manifest)) {
+        files.replace();
         return;
       }
-      opened.files.manifest = manifest;
+      files.manifest = manifest;
       this.report("grown", streamInfo(manifest));
-      opened.store.follow(this.playing, this.looping, this.moving);
-      this.prepareNext(opened, this.playing);
+      void this.store.fetchAhead();
+      this.prepareNext();
       if (!manifest.live) return;
     }
-  }
-
-  /** Looping begins when a live stream is complete. */
-  private get looping(): boolean {
-    return this.loop && this.opened?.files.manifest.live !== true;
   }
 
   receive(message: SessionRequest): void {
@@ -155,14 +122,14 @@ export class Session {
         this.sortAgain(message);
         break;
       case "loop":
-        this.loop = message.loop;
+        this.store.loop = message.loop;
         break;
       case "playing":
-        this.moving = message.playing;
-        this.opened?.store.follow(this.playing, this.looping, this.moving);
+        this.store.playing = message.playing;
+        void this.store.fetchAhead();
         break;
       case "played":
-        this.opened?.store.played(message.group, message.shown, message.dropped);
+        this.store.played(message.group, message.shown, message.dropped);
         break;
       case "recycle":
         for (const buffer of message.buffers) this.pool.give(buffer);
@@ -172,33 +139,28 @@ export class Session {
     }
   }
 
-  close(): void {
-    this.closing.abort();
-    this.opened?.groups.dropAll();
-  }
-
   private async run(): Promise<void> {
     this.running = true;
     try {
       while (this.wanted !== null) {
         const { frame, axis } = this.wanted;
         this.wanted = null;
-        if (this.opened !== null && frame >= 0 && frame < this.opened.files.manifest.frame_count)
-          await this.bring(this.opened, frame, axis);
+        if (frame >= 0 && frame < this.files.manifest.frame_count) await this.bring(frame, axis);
       }
     } finally {
       this.running = false;
     }
   }
 
-  private async bring(opened: Opened, frame: number, axis: DepthAxis | null): Promise<void> {
-    const { files: { manifest }, store, groups } = opened;
-    const index = groupOfFrame(manifest.spans, frame);
-    if (index !== this.playing && this.outdated.delete(this.playing)) this.drop(opened, this.playing);
-    this.playing = index;
-    store.follow(index, this.looping, this.moving);
+  private async bring(frame: number, axis: DepthAxis | null): Promise<void> {
+    const { store, groups } = this;
+    const { spans } = this.files.manifest;
+    const index = groupOfFrame(spans, frame);
+    if (index !== store.playhead && this.outdated.delete(store.playhead)) this.drop(store.playhead);
+    store.playhead = index;
+    void store.fetchAhead();
     try {
-      const within = frame - manifest.spans[index].firstFrame;
+      const within = frame - spans[index].firstFrame;
       const work = groups.get(index).then(async (prepared) => ({ prepared, luma: await prepared.pictures.get(within) }));
       const interrupted = new Promise<null>((resolve) => {
         this.interrupt = (): void => resolve(null);
@@ -211,10 +173,10 @@ export class Session {
       if (axis === null) this.deliverSplats(done.prepared, frame, within, done.luma.data);
       else this.deliverPicture(done.prepared, frame, within, done.luma, axis);
       store.beginAhead();
-      this.prepareNext(opened, index);
-      void this.finish(opened, done.prepared);
+      this.prepareNext();
+      void this.finish(done.prepared);
     } catch (error) {
-      if (this.closing.signal.aborted) return;
+      if (this.signal.aborted) return;
       if (error instanceof Closed) {
         if (store.has(index)) this.wanted ??= { frame, axis }; // it was replaced by a better rendition
         return;
@@ -226,21 +188,21 @@ export class Session {
         this.wanted ??= { frame, axis };
         return;
       }
-      this.leaveOut(index, messageOf(error));
+      this.leaveOut(index, error);
     }
   }
 
   /** Once a group is complete, of which a picture is shown already, the sound follows. */
-  private async finish(opened: Opened, { group, complete }: Prepared): Promise<void> {
+  private async finish({ group, complete }: Prepared): Promise<void> {
     try {
       await complete;
     } catch (error) {
-      if (this.closing.signal.aborted) return;
-      this.drop(opened, group.index);
-      if (!(error instanceof Rebaked)) this.leaveOut(group.index, messageOf(error));
+      if (this.signal.aborted) return;
+      this.drop(group.index);
+      if (!(error instanceof Rebaked)) this.leaveOut(group.index, error);
       return;
     }
-    if (this.soundWanted) await this.bringSound(opened);
+    if (this.soundWanted) await this.bringSound();
   }
 
   private deliverSplats(prepared: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
@@ -299,57 +261,80 @@ export class Session {
   }
 
   /** Fetches the sound, once the first group is there. */
-  private async bringSound({ files }: Opened): Promise<void> {
-    const { audio } = files.manifest;
+  private async bringSound(): Promise<void> {
+    const { source, manifest: { audio } } = this.files;
     this.soundWanted = false;
     if (audio === null) return;
     try {
-      const data = await readChecked(files.source, audio, this.closing.signal);
+      const data = await readChecked(source, audio, this.signal);
       const file = new Blob([data], { type: "audio/mp4" });
       this.report("sound", { file, start: audio.start, length: audio.samples / audio.sample_rate });
     } catch (error) {
-      if (!this.closing.signal.aborted) this.report("notice", `The stream plays without sound: ${messageOf(error)}`);
+      if (!this.signal.aborted) this.report("notice", `The stream plays without sound: ${messageOf(error)}`);
     }
   }
 
   /** Prepares the group that plays next in advance. */
-  private prepareNext({ files: { manifest }, groups, store }: Opened, index: number): void {
-    const next = index + 1 < manifest.spans.length ? index + 1 : this.looping ? 0 : -1;
-    if (next < 0 || groups.has(next) || !store.isDecided(next)) return;
+  private prepareNext(): void {
+    const { groups, store } = this;
+    const next = store.after(1);
+    if (next === null || groups.has(next) || !store.isDecided(next)) return;
     groups.get(next).then(({ pictures }) => pictures.warm(), (error: unknown) => {
       groups.drop(next);
-      if (error instanceof StreamError && !(error instanceof PathFailed || error instanceof Rebaked)) this.leaveOut(next, error.message);
+      if (error instanceof StreamError && !(error instanceof PathFailed || error instanceof Rebaked)) this.leaveOut(next, error);
     });
   }
 
   private improved(group: number): void {
-    if (group === this.playing && this.moving) {
+    if (group === this.store.playhead && this.store.playing) {
       this.outdated.add(group); // in use; the next loop shows it
       return;
     }
-    this.drop(this.opened!, group);
+    this.drop(group);
     this.report("improved", { group });
   }
 
   /** Prepares the group again when it is requested next, and sends its setup again. */
-  private drop({ groups }: Opened, index: number): void {
-    groups.drop(index);
+  private drop(index: number): void {
+    this.groups.drop(index);
     if (this.setupSent === index) this.setupSent = -1;
   }
 
-  private leaveOut(group: number, message: string): void {
-    if (this.leftOut.has(group)) return;
-    this.leftOut.add(group);
-    this.report("leftOut", { group, message });
+  private leaveOut(group: number, error: unknown): void {
+    this.report("leftOut", { group, message: messageOf(error) });
   }
+}
 
-  private count(bytes: number, milliseconds: number): void {
-    this.received += bytes;
+/** What has come over the network. */
+class Received {
+  bytes = 0;
+  bandwidth = 0; // Mbit/s; 0 while it is not known
+
+  add(bytes: number, milliseconds: number): void {
+    this.bytes += bytes;
     // Short responses measure the round-trip time rather than the bandwidth.
     if (bytes < 20_000) return;
     const rate = (8 * bytes) / Math.max(milliseconds, 1) / 1000;
     this.bandwidth = this.bandwidth === 0 ? rate : 0.7 * this.bandwidth + 0.3 * rate;
   }
+}
+
+/** Where the files are, and the manifest's name there. */
+function openSource(
+  source: StreamSource, early: EarlyPorts, received: Received, trouble: (message: string) => void,
+): { source: Source; name: string } {
+  if (source instanceof File) return { source: new ArchiveSource(rangesOf(source), source.name), name: MANIFEST_NAME };
+  if (typeof source !== "string") return { source: new EmbeddedSource(source), name: MANIFEST_NAME };
+  const address = new URL(source);
+  if (!["http:", "https:"].includes(address.protocol))
+    throw new StreamError(`Streams are played from http and https addresses; found "${address.protocol}".`);
+  const packed = /\.v3s$/i.test(address.pathname);
+  if (!packed && !address.pathname.endsWith(".json"))
+    address.pathname = `${address.pathname.replace(/\/$/, "")}/${MANIFEST_NAME}`;
+  const http = new HttpSource(address.href, (...taken) => received.add(...taken), trouble, early);
+  const name = address.pathname.slice(address.pathname.lastIndexOf("/") + 1);
+  if (!packed) return { source: http, name };
+  return { source: new ArchiveSource((...range) => http.readRange(name, ...range), name), name: MANIFEST_NAME };
 }
 
 function fillPositions(

@@ -24,17 +24,19 @@ const AHEAD_BYTES = 64 << 20; // maximum bytes fetched ahead of the playhead, at
 const LANES = 6; // files that are fetched at a time
 
 export class GroupStore {
+  /** The group of the last requested frame, and whether the playhead moves. */
+  playhead = 0;
+  playing = false;
+  /** Whether the first group follows the last one. */
+  loop = true;
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
   private readonly settled = new Map<number, number>();
   private readonly files = new Map<number, Fetched>();
   private readonly fetching = new Map<number, Promise<Fetched>>();
   private readonly failed = new Map<number, StreamError>();
   private bytes = 0; // number of bytes in memory
-  private playhead = 0;
-  private loop = true;
   private busy = false;
   private begun = false;
-  private playing = false;
 
   /** `rule`: chooses one of a group's renditions; null for streams with a single one, and where one was chosen: `fixed`.
    * `maxTexture`: largest side of a picture that this device can draw. `changed`: called after a group was fetched.
@@ -75,12 +77,11 @@ export class GroupStore {
     return this.files.has(group) || this.failed.has(group);
   }
 
-  /** Sets the group at the playhead, and whether that moves; what follows is fetched unless something more urgent is. */
-  follow(group: number, loop: boolean, playing: boolean): void {
-    this.playhead = group;
-    this.loop = loop;
-    this.playing = playing;
-    void this.fetchAhead();
+  /** The group `step` after the playhead; null at the end. Looping begins when a live stream is complete. */
+  after(step: number): number | null {
+    const { spans, live } = this.stream.manifest;
+    const index = this.playhead + step;
+    return index < spans.length ? index : this.loop && !live ? index % spans.length : null;
   }
 
   /** A group, whose files may still be arriving. StreamError: its page of the index is damaged, this device cannot draw it,
@@ -185,7 +186,8 @@ export class GroupStore {
     void this.fetchAhead();
   }
 
-  private async fetchAhead(): Promise<void> {
+  /** Fetches what follows the playhead, unless something more urgent is fetched. */
+  async fetchAhead(): Promise<void> {
     if (this.busy || !this.begun) return;
     this.busy = true;
     try {
@@ -211,9 +213,8 @@ export class GroupStore {
     const { fps, renditions, spans } = this.stream.manifest;
     const most = Math.min(this.rule?.target ?? Infinity, (8 * AHEAD_BYTES) / renditions[0].bandwidth) * fps;
     for (let step = 0; step < spans.length; step++) {
-      if (this.playhead + step >= spans.length && !this.loop) return null;
-      const index = (this.playhead + step) % spans.length;
-      if (step > 1 && frames > most) return null;
+      const index = this.after(step);
+      if (index === null || (step > 1 && frames > most)) return null;
       frames += spans[index].frameCount;
       if (!this.files.has(index) && !this.failed.has(index)) return index;
     }
@@ -233,12 +234,12 @@ export class GroupStore {
     };
     const best = rule.best();
     if (!this.playing) return improvable(this.playhead, best) ? [this.playhead, best] : null;
-    const whole = this.loop && this.files.size === spans.length;
+    const whole = this.after(spans.length) !== null && this.files.size === spans.length;
     const wanted = whole ? best : rule.affordable();
     let frames = 0;
     for (let step = 1; step < spans.length; step++) {
-      if (this.playhead + step >= spans.length && !this.loop) return null;
-      const group = (this.playhead + step) % spans.length;
+      const group = this.after(step);
+      if (group === null) return null;
       if (step > 1 && improvable(group, wanted)) return [group, wanted];
       frames += spans[group].frameCount;
       if (!whole && frames > rule.target * fps) return null;

@@ -3,13 +3,7 @@
 
 import { Rebaked, StreamError } from "../stream/errors.ts";
 import {
-  type GroupEntry,
-  type Manifest,
-  MAX_MANIFEST_BYTES,
-  parseManifest,
-  parsePage,
-  type Rendition,
-  whatChanged,
+  type GroupEntry, type Manifest, MAX_MANIFEST_BYTES, onlyGrows, parseManifest, parsePage, type Rendition,
 } from "../stream/manifest.ts";
 import { readChecked, sha256, type Source } from "./source.ts";
 
@@ -81,7 +75,7 @@ export class StreamFiles {
     const old = this.manifest;
     try {
       const now = await this.read();
-      return now.manifest_sha256 !== old.manifest_sha256 && !(old.live && whatChanged(old, now) === null);
+      return now.manifest_sha256 !== old.manifest_sha256 && !(old.live && onlyGrows(old, now));
     } catch {
       return false; // nothing that could be opened instead
     }
