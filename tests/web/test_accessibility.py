@@ -10,7 +10,7 @@ pytestmark = pytest.mark.web
 
 SMALL = """() => {
   const root = document.querySelector('v3-player').shadowRoot;
-  const all = root.querySelectorAll('button, input, [role=slider], [role=radio]');
+  const all = root.querySelectorAll('button, input, [role=slider]');
   return [...all].filter(one => one.checkVisibility({visibilityProperty: true})).flatMap(one => {
     const {width, height} = one.getBoundingClientRect();
     const name = one.className || one.dataset.act || one.role;
@@ -55,7 +55,7 @@ def test_text_has_contrast_on_every_background(page, background):
     page.handle.wait_for_timeout(500)  # transitions; motion is reduced, but not the next image
     have_contrast(page, ".title", ".credits", ".now", ".hint small", ".notice")
     page.click("settings")
-    have_contrast(page, ".settings h2", ".settings h3 >> nth=0", ".settings [data-loop='true']")
+    have_contrast(page, ".settings h2", ".settings h3 >> nth=0", ".settings [value='true'] + span")
 
 
 @pytest.mark.parametrize("size", [(390, 844), (740, 360)])
@@ -71,7 +71,7 @@ def test_everything_to_touch_has_44_pixels(page, size):
       const there = shadowRoot.elementFromPoint(left + width / 2, top + height / 2);
       return one.contains(there) ? [] : [one.textContent || one.className];
     })"""
-    assert page.handle.locator("v3-player .settings button").evaluate_all(reached) == []
+    assert page.handle.locator("v3-player .settings :is(button, input)").evaluate_all(reached) == []
     page.handle.keyboard.press("Escape")
     for key in ("?", "i"):
         page.handle.locator("v3-player .stage").press(key)
@@ -81,16 +81,16 @@ def test_everything_to_touch_has_44_pixels(page, size):
 
 def test_radio_buttons_respond_to_arrow_keys(page):
     page.click("settings")
-    chosen = page.handle.locator("v3-player [data-speed][aria-checked='true']")
+    chosen = page.handle.locator("v3-player [name=speed]:checked")
     chosen.focus()
     page.handle.keyboard.press("ArrowRight")
     assert page.state["speed"] == 1.5
-    assert chosen.inner_text() == "1.5×"
+    assert chosen.input_value() == "1.5"
     page.handle.keyboard.press("ArrowRight")
     page.handle.keyboard.press("ArrowRight")
     assert page.state["speed"] == 0.25, "around the end"
     page.handle.keyboard.press("Tab")
-    focused = "() => document.querySelector('v3-player').shadowRoot.activeElement.dataset.loop"
+    focused = "() => document.querySelector('v3-player').shadowRoot.activeElement.value"
     assert page.evaluate(focused) == "true", "one stop for each group"
 
 

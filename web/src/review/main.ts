@@ -45,7 +45,7 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   element.addEventListener("keydown", (event) => {
     if (event.altKey || event.metaKey || event.ctrlKey) return;
     const action = { w: () => { comparison.toggle(); }, n: () => { marks.begin(); } }[event.key.toLowerCase()];
-    if (action === undefined || (event.composedPath()[0] as Element).tagName === "INPUT") return;
+    if (action === undefined || (event.composedPath()[0] as Element).matches(".address")) return;
     event.preventDefault();
     action();
   });

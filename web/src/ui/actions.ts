@@ -1,7 +1,6 @@
 /** What the viewer can do with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists the same. */
 
 import type { Controls } from "./controls.ts";
-import { moveRadio } from "./radios.ts";
 
 const kbd = (...keys: readonly string[]): string =>
   keys.map((key) => `<kbd>${key === " " ? "Space" : key.toUpperCase().replace("<", "&lt;")}</kbd>`).join(" ");
@@ -67,10 +66,13 @@ export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, 
     const pressed = (event.target as Element).closest<HTMLElement>("button");
     if (pressed === null) return;
     const { act } = pressed.dataset;
-    controls.choose(pressed.dataset);
     // A pointer on the large button turns the view, or taps, as everywhere on the stage.
     if (act !== "start" || (event as MouseEvent).detail === 0)
       ACTIONS.find((action) => act !== undefined && action.act === act)?.run?.(controls, "");
+    controls.awake();
+  }, { signal });
+  root.addEventListener("change", ({ target }) => {
+    controls.choose(target as HTMLInputElement);
     controls.awake();
   }, { signal });
   host.addEventListener("keydown", (event) => {
@@ -80,19 +82,15 @@ export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, 
     motion.shift = event.shiftKey;
     const from = event.composedPath()[0] as Element;
     // The link to copy by hand is selected and copied with keys.
-    if (from.tagName === "INPUT" && event.key !== "Escape") return;
-    if (moveRadio(from, event.key)) {
-      event.preventDefault();
-      return;
-    }
-    // Arrow keys scroll what is in a sheet.
+    if (from.matches(".address") && event.key !== "Escape") return;
+    // Arrow keys scroll what is in a sheet, or choose.
     if (event.key.startsWith("Arrow") && from.closest("[role=dialog]") !== null) return;
     // Anyone who has a keyboard may want to know its keys.
     host.classList.add("has-keys");
     // Letters also with Caps Lock.
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     // Space also presses a focused button.
-    const onButton = from.tagName === "BUTTON";
+    const onButton = from.matches("button, input");
     const isFor = host.hasAttribute("controls") && !(onButton && name === " ");
     const action = !isFor ? undefined : ACTIONS.find(({ keys }) => keys?.includes(name));
     if (action !== undefined) action.run?.(controls, name);

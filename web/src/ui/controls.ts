@@ -5,7 +5,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
-import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isLight, isSuggested, SPEEDS } from "./choices.ts";
+import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isLight, isSuggested, SPEEDS } from "./choices.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
 import { Hint } from "./hint.ts";
@@ -13,7 +13,6 @@ import { ICONS } from "./icons.ts";
 import { linkTo } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { Panel } from "./panel.ts";
-import { checkRadio } from "./radios.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
 import { Timeline } from "./timeline.ts";
 
@@ -377,11 +376,11 @@ export class Controls {
 
   // What is chosen in the settings ------------------------------------------------------------------------------------
 
-  /** @param data - of the button that was pressed */
-  choose({ speed, loop, background }: DOMStringMap): void {
-    if (speed !== undefined) this.setSpeed(Number(speed));
-    if (loop !== undefined) this.setLoop(loop === "true");
-    if (isBackground(background)) this.setBackground(background);
+  /** Does what a radio button says. */
+  choose({ name, value }: HTMLInputElement): void {
+    if (name === "speed") this.setSpeed(Number(value));
+    else if (name === "loop") this.setLoop(value === "true");
+    else this.setBackground(value as BackgroundName);
   }
 
   setSpeed(speed: number): void {
@@ -402,8 +401,8 @@ export class Controls {
     this.host.style.backgroundColor = cssColor(color);
     this.host.classList.toggle("light", isLight(color ?? backdropOf(this.host)));
     this.part(".swatch.stream").style.setProperty("--color", cssColor(suggested));
-    for (const swatch of this.root.querySelectorAll<HTMLElement>(".swatch"))
-      swatch.hidden = isSuggested(swatch.dataset["background"] as BackgroundName, suggested);
+    for (const { value, parentElement: label } of this.radios("background"))
+      label!.hidden = isSuggested(value as BackgroundName, suggested);
     this.check("background", isSuggested(name, suggested) ? "stream" : name);
   }
 
@@ -413,7 +412,11 @@ export class Controls {
   }
 
   private check(group: "speed" | "loop" | "background", value: string): void {
-    checkRadio(this.root.querySelectorAll<HTMLElement>(`[data-${group}]`), ({ dataset }) => dataset[group] === value);
+    for (const radio of this.radios(group)) radio.checked = radio.value === value;
+  }
+
+  private radios(group: string): NodeListOf<HTMLInputElement> {
+    return this.root.querySelectorAll<HTMLInputElement>(`[name=${group}]`);
   }
 
   /** Whether the player is the whole page. */

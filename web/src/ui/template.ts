@@ -1,5 +1,6 @@
 /** The elements of the controls. */
 
+import type { Vector } from "../stream/metadata.ts";
 import { HELP, type HelpLine } from "./actions.ts";
 import { BACKGROUNDS, cssColor, SPEEDS } from "./choices.ts";
 import { ICONS } from "./icons.ts";
@@ -8,11 +9,15 @@ import { canShare } from "./give_link.ts";
 const button = (act: string, label: string, icon: string, more = ""): string =>
   `<button type="button" data-act="${act}" aria-label="${label}" title="${label}" ${more}>${icon}</button>`;
 
-const swatches = Object.entries(BACKGROUNDS)
-  .map(([name, { label, color }]) =>
-    `<button type="button" role="radio" class="swatch ${name}" data-background="${name}" style="--color:${cssColor(color)}" aria-label="${label}" title="${label}"></button>`,
-  )
-  .join("");
+/** A group of radio buttons. `more`: attributes of what is seen. */
+const radios = (name: string, title: string, choices: readonly [value: string, label: string, more: string][]): string => `<div>
+  <h3 id="${name}">${title}</h3>
+  <div class="choices" role="radiogroup" aria-labelledby="${name}">${choices.map(([value, label, more]) =>
+    `<label title="${label}"><input type="radio" name="${name}" value="${value}"><span ${more}>${label}</span></label>`).join("")}</div>
+</div>`;
+
+const swatch = (name: string, { label, color }: { label: string; color: Vector | null }): [string, string, string] =>
+  [name, label, `class="swatch ${name}" style="--color:${cssColor(color)}"`];
 
 export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";
@@ -62,22 +67,9 @@ export const TEMPLATE = `
 <div class="sheet settings" role="dialog" aria-label="Settings" tabindex="-1" hidden>
   ${heading("Settings")}
   <div class="groups">
-    <div>
-      <h3 id="speed">Speed</h3>
-      <div class="choices" role="radiogroup" aria-labelledby="speed">
-        ${SPEEDS.map((speed) => `<button type="button" role="radio" data-speed="${speed}">${speed}×</button>`).join("")}
-      </div>
-    </div>
-    <div>
-      <h3 id="loop">At the end</h3>
-      <div class="choices" role="radiogroup" aria-labelledby="loop">
-        <button type="button" role="radio" data-loop="true">Loop</button><button type="button" role="radio" data-loop="false">Stop</button>
-      </div>
-    </div>
-    <div>
-      <h3 id="background">Background</h3>
-      <div class="choices" role="radiogroup" aria-labelledby="background">${swatches}</div>
-    </div>
+    ${radios("speed", "Speed", SPEEDS.map((speed) => [`${speed}`, `${speed}×`, ""]))}
+    ${radios("loop", "At the end", [["true", "Loop", ""], ["false", "Stop", ""]])}
+    ${radios("background", "Background", Object.entries(BACKGROUNDS).map((one) => swatch(...one)))}
     <div>
       <h3>More</h3>
       <div class="choices">
