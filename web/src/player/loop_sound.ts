@@ -1,8 +1,6 @@
 /** Sound that starts over without a gap: the whole loop is in memory, and Web Audio plays it. Without Web Audio, before the
  * viewer's first input, for long loops and at other speeds, an <audio> element plays instead (sound.ts). */
 
-const LONGEST = 120; // seconds; two minutes take 46 MB
-
 export class LoopSound {
   private readonly context = new AudioContext();
   private readonly gain = this.context.createGain();
@@ -12,13 +10,8 @@ export class LoopSound {
   private began = 0;
   private closed = false;
 
-  /** Null where it cannot be used; `seconds` is the duration of the frames. */
-  static of(file: Blob, start: number, seconds: number): LoopSound | null {
-    if (seconds > LONGEST || !("AudioContext" in window)) return null;
-    return new LoopSound(file, start, seconds);
-  }
-
-  private constructor(file: Blob, start: number, private readonly seconds: number) {
+  /** @param seconds - duration of the frames */
+  constructor(file: Blob, start: number, private readonly seconds: number) {
     this.gain.connect(this.context.destination);
     // Else an iPhone's silent switch turns it off, unlike <audio>.
     const { audioSession } = navigator as { readonly audioSession?: { type: string } };
@@ -45,8 +38,8 @@ export class LoopSound {
     if (!this.closed) this.context.resume().catch(() => undefined);
   }
 
-  set volume(volume: number) {
-    this.gain.gain.value = volume;
+  set muted(muted: boolean) {
+    this.gain.gain.value = muted ? 0 : 1;
   }
 
   /** Starts at a time of the stream, seconds. */

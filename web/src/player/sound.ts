@@ -4,6 +4,7 @@
 import { messageOf } from "../stream/errors.ts";
 import { LoopSound } from "./loop_sound.ts";
 
+const LONGEST_LOOP = 120; // seconds; two minutes take 46 MB
 const STUCK = 2000; // milliseconds without progress after which the element no longer leads
 
 export class Sound {
@@ -43,8 +44,7 @@ export class Sound {
 
   /** Call with `false` while handling an input of the viewer, since browsers may require one. */
   set muted(muted: boolean) {
-    this.element.muted = muted;
-    this.passVolume();
+    this.setMuted(muted);
     if (!muted) this.loop?.resume();
     if (!muted && this.blocked) {
       this.blocked = this.refused = false;
@@ -53,19 +53,9 @@ export class Sound {
     this.changed();
   }
 
-  /** 0 to 1; some phones ignore it. */
-  get volume(): number {
-    return this.element.volume;
-  }
-
-  set volume(volume: number) {
-    this.element.volume = Math.max(0, Math.min(1, volume));
-    this.passVolume();
-    this.changed();
-  }
-
-  private passVolume(): void {
-    if (this.loop !== null) this.loop.volume = this.element.muted ? 0 : this.element.volume;
+  private setMuted(muted: boolean): void {
+    this.element.muted = muted;
+    if (this.loop !== null) this.loop.muted = muted;
   }
 
   /** Whether it starts over at the end of the frames. */
@@ -78,8 +68,8 @@ export class Sound {
    * seconds. */
   load(file: Blob, start: number, length: number, frames: number): void {
     this.clear();
-    this.loop = LoopSound.of(file, start, frames);
-    this.passVolume();
+    if (frames <= LONGEST_LOOP && "AudioContext" in window) this.loop = new LoopSound(file, start, frames);
+    this.setMuted(this.muted);
     this.address = URL.createObjectURL(file);
     [this.start, this.length] = [start, length];
     this.failed = false;

@@ -256,7 +256,7 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     for (const name of ["view", "waiting", "notice"] as const) player.on(name, (detail: unknown) => this.tell(name, detail));
     player.on("frame", (detail) => this.tell("time", detail));
     player.on("grown", ({ frameCount, live }) => this.tell("grown", { frameCount, duration: player.duration, live }));
-    player.on("sound", () => this.tell("sound", { muted: player.sound.muted, volume: player.sound.volume }));
+    player.on("sound", () => this.tell("sound", { muted: player.sound.muted, volume: player.sound.element.volume }));
     player.on("updated", () => {
       this.tell("updated");
       // Before the first image, there is nothing to be kept.
