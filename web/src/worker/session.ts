@@ -2,7 +2,7 @@
 
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
 import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, onlyGrows } from "../stream/manifest.ts";
-import { pictureSize, planePositions } from "../stream/picture.ts";
+import { planePositions } from "../stream/picture.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { HttpSource } from "./http.ts";
@@ -51,7 +51,6 @@ export class Session {
     const files = new StreamFiles(source, name, () => report("updated", undefined), signal);
     files.manifest = await files.read();
     signal.throwIfAborted();
-    checkDevice(files.manifest, request.maxTexture);
     const session = new Session(report, request, files, received, signal);
     report("opened", streamInfo(files.manifest));
     report("path", session.groups.path);
@@ -75,7 +74,7 @@ export class Session {
     const remote = typeof request.source === "string";
     const rule = rates.length > 1 && remote && request.rendition === null ? new RateRule(rates) : null;
     const fetched = (): void => {
-      this.report("fetched", { groups: this.store.present, bytes: received.bytes, bandwidth: received.bandwidth });
+      this.report("fetched", { groups: [...this.store.files.keys()], bytes: received.bytes, bandwidth: received.bandwidth });
     };
     this.store = new GroupStore(files, rule, fixed, request.maxTexture, fetched, (group) => this.improved(group), signal);
     this.store.loop = request.loop;
@@ -178,7 +177,7 @@ export class Session {
     } catch (error) {
       if (this.signal.aborted) return;
       if (error instanceof Closed) {
-        if (store.has(index)) this.wanted ??= { frame, axis }; // it was replaced by a better rendition
+        if (store.files.has(index)) this.wanted ??= { frame, axis }; // it was replaced by a better rendition
         return;
       }
       groups.drop(index);
@@ -360,15 +359,4 @@ function streamInfo(manifest: Manifest): StreamInfo {
     hasSound: manifest.audio !== null,
     checksums: isSecureContext,
   };
-}
-
-/** @throws StreamError - all renditions of a group are too large for this device */
-function checkDevice(manifest: Manifest, maxTexture: number): void {
-  for (const { renditions } of manifest.groups) {
-    const sizes = renditions.map(pictureSize);
-    if (sizes.every((size) => Math.max(...size) > maxTexture))
-      throw new StreamError(
-        `This stream's pictures are ${sizes[0].join("x")}, but this device's GPU supports at most ${maxTexture} pixels on a side.`,
-      );
-  }
 }

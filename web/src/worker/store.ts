@@ -31,7 +31,8 @@ export class GroupStore {
   loop = true;
   /** Groups that this device gets no better than they are, with the rendition that was wanted. */
   private readonly settled = new Map<number, number>();
-  private readonly files = new Map<number, Fetched>();
+  /** Groups in memory. */
+  readonly files = new Map<number, Fetched>();
   private readonly fetching = new Map<number, Promise<Fetched>>();
   private readonly failed = new Map<number, StreamError>();
   private bytes = 0; // number of bytes in memory
@@ -51,11 +52,6 @@ export class GroupStore {
     private readonly signal: AbortSignal,
   ) {}
 
-  /** Groups in memory. */
-  get present(): number[] {
-    return [...this.files.keys()];
-  }
-
   /** Frames of a group were shown, or dropped since decoding was late. */
   played(group: number, shown: number, dropped: number): void {
     const rendition = this.renditionOf(group);
@@ -65,11 +61,6 @@ export class GroupStore {
   /** Position of the rendition that a group is in memory in; -1 if it is not. */
   private renditionOf(group: number): number {
     return this.stream.manifest.renditions.findIndex(({ id }) => id === this.files.get(group)?.group.id);
-  }
-
-  /** Whether a group is in memory. */
-  has(group: number): boolean {
-    return this.files.has(group);
   }
 
   /** Whether a group is in memory, or cannot be. */
@@ -118,7 +109,9 @@ export class GroupStore {
       ? renditions[wanted]
       : renditions.filter(fits).sort((a, b) => b.bytes - a.bytes)[0];
     if ((found as Rendition | undefined) === undefined)
-      throw new StreamError(`Group ${index} has larger pictures than this device's GPU supports.`);
+      throw new StreamError(
+        `Pictures of group ${index} are ${pictureSize(renditions[0]).join("x")}, but this device's GPU supports at most ${this.maxTexture} pixels on a side.`,
+      );
     return found;
   }
 
