@@ -11,10 +11,6 @@ export class Series {
     if (this.values.length > KEPT) this.values.shift();
   }
 
-  get count(): number {
-    return this.values.length;
-  }
-
   /** The mean of the last `n` values; 0 if there are none. */
   mean(n = 30): number {
     const last = this.values.slice(-n);

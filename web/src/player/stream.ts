@@ -5,7 +5,7 @@ import workerSource from "worker-source";
 import { StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type {
-  DecodePath, DepthAxis, FromWorker, SessionRequest, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker,
+  DecodePath, DepthAxis, FromWorker, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker,
 } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
 import { Emitter } from "./emitter.ts";
@@ -73,7 +73,7 @@ export class V3Stream extends Emitter<StreamEvents> {
     const url = typeof source === "string" ? new URL(source, inPage ? document.baseURI : location.href).href : null;
     const early = inPage && url !== null ? takeEarlyFiles(url) : {};
     const { options, maxTexture } = this;
-    this.post({ type: "open", number: ++this.number, source: url ?? source, early, maxTexture, ...options }, Object.values(early));
+    this.request({ type: "open", number: ++this.number, source: url ?? source, early, maxTexture, ...options }, Object.values(early));
     const opened = new Promise<StreamInfo>((resolve, reject) => {
       this.opening = { resolve, reject };
     });
@@ -94,32 +94,32 @@ export class V3Stream extends Emitter<StreamEvents> {
     if (why !== undefined) return Promise.reject(new StreamError(why));
     return new Promise((resolve, reject) => {
       this.asked.push({ frame, resolve, reject });
-      this.post({ type: "present", frame, axis: null, seek });
+      this.request({ type: "present", frame, axis: null, seek });
     });
   }
 
   /** Asks for a frame's image, sorted along the axis: the event `picture`. The newest request replaces those before it. */
   present(frame: number, axis: DepthAxis, seek: boolean): void {
-    this.post({ type: "present", frame, axis, seek });
+    this.request({ type: "present", frame, axis, seek });
   }
 
   /** Whether the playhead moves: what is fetched ahead depends on it. */
   set playing(playing: boolean) {
-    this.post({ type: "playing", playing });
+    this.request({ type: "playing", playing });
   }
 
   set loop(loop: boolean) {
-    this.post({ type: "loop", loop });
+    this.request({ type: "loop", loop });
   }
 
-  /** Sends another request of a player to the worker. */
-  request(message: SessionRequest): void {
-    this.post(message);
+  /** Sends a message to the worker. */
+  request(message: ToWorker, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
   }
 
   /** Returns memory that is no longer needed, such as `splats.means.buffer`; its arrays are empty afterwards. */
   recycle(...buffers: ArrayBuffer[]): void {
-    this.post({ type: "recycle", buffers }, buffers);
+    this.request({ type: "recycle", buffers }, buffers);
   }
 
   close(): void {
@@ -127,10 +127,6 @@ export class V3Stream extends Emitter<StreamEvents> {
     this.videos.dispose();
     this.rejectAll("The stream was closed.");
     this.removeAll();
-  }
-
-  private post(message: ToWorker, transfer: Transferable[] = []): void {
-    this.worker.postMessage(message, transfer);
   }
 
   private fail(message: string): void {

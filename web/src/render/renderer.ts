@@ -13,16 +13,6 @@ import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_V
 
 const BLOCKS_PER_ROW = 128; // blocks per row of the block table
 
-const LUMA = 0; // texture units
-const STATICS = 1;
-const BLOCKS = 2;
-const ESCAPED_LUMA = 3;
-const WORDS0 = 4;
-const WORDS1 = 5;
-const DRAWING = 6;
-const ORDER = 7;
-const ESCAPED_STATICS = 8;
-
 const ORDER_WIDTH = 1024; // splats per row of the order texture
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of renderers that draw with the CPU
 
@@ -51,14 +41,15 @@ class Resources {
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
     const integers = [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT] as const;
-    this.luma = new Texture(gl, LUMA, [gl.R8, gl.RED, gl.UNSIGNED_BYTE]);
-    this.statics = new Texture(gl, STATICS, integers);
-    this.blocks = new Texture(gl, BLOCKS, [gl.RGBA32F, gl.RGBA, gl.FLOAT]);
-    this.escapedLuma = new Texture(gl, ESCAPED_LUMA, [gl.R32F, gl.RED, gl.FLOAT]);
-    this.escapedStatics = new Texture(gl, ESCAPED_STATICS, integers);
-    this.words = [new Texture(gl, WORDS0, integers), new Texture(gl, WORDS1, integers)];
+    // Each texture has a unit of its own.
+    this.luma = new Texture(gl, 0, [gl.R8, gl.RED, gl.UNSIGNED_BYTE]);
+    this.statics = new Texture(gl, 1, integers);
+    this.blocks = new Texture(gl, 2, [gl.RGBA32F, gl.RGBA, gl.FLOAT]);
+    this.escapedLuma = new Texture(gl, 3, [gl.R32F, gl.RED, gl.FLOAT]);
+    this.escapedStatics = new Texture(gl, 4, integers);
+    this.words = [new Texture(gl, 5, integers), new Texture(gl, 6, integers)];
     this.wordsFrame = gl.createFramebuffer();
-    this.order = new Texture(gl, ORDER, [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT]);
+    this.order = new Texture(gl, 7, [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT]);
     // Shaders have no other input from buffers, so that it stays bound.
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
@@ -66,7 +57,7 @@ class Resources {
     this.splat = new Program(gl, SPLAT_VERTEX, SPLAT_FRAGMENT);
     this.resolve = new Program(gl, FULL_VERTEX, RESOLVE_FRAGMENT);
     const format = half ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const) : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
-    this.drawing = new Texture(gl, DRAWING, format, gl.LINEAR);
+    this.drawing = new Texture(gl, 8, format, gl.LINEAR);
     this.drawingFrame = gl.createFramebuffer();
   }
 

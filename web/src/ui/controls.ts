@@ -12,7 +12,7 @@ import { Hint } from "./hint.ts";
 import { ICONS } from "./icons.ts";
 import { linkTo } from "./link.ts";
 import { Motion } from "./motion.ts";
-import { Panel } from "./panel.ts";
+import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
 import { Timeline } from "./timeline.ts";
 
@@ -44,11 +44,11 @@ export class Controls {
   reviewParameters: () => Readonly<Record<string, string>> = () => ({});
   /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
   isMoment = false;
-  private readonly panel: Panel;
   private readonly hint: Hint;
   private idleTimer = 0;
   private noticeTimer = 0;
   private busyTimer = 0;
+  private figuresTimer = 0;
   private outside = false; // whether the view is from where nothing was filmed
   private background: BackgroundName = "stream";
   private played = false;
@@ -62,7 +62,6 @@ export class Controls {
   ) {
     const stage = this.part(".stage");
     this.timeline = new Timeline(this.part(".timeline"), player);
-    this.panel = new Panel(this.part(".info"), player);
     this.hint = new Hint(this.part(".hint"));
     this.sheets = new Sheets(root, (name) => this.showSheet(name));
     this.motion = new Motion(stage, player, {
@@ -110,8 +109,7 @@ export class Controls {
 
   private end(): void {
     this.immersive?.end();
-    for (const timer of [this.idleTimer, this.noticeTimer, this.busyTimer]) clearTimeout(timer);
-    this.panel.toggle(false);
+    for (const timer of [this.idleTimer, this.noticeTimer, this.busyTimer, this.figuresTimer]) clearTimeout(timer);
     this.hint.hide();
   }
 
@@ -351,7 +349,12 @@ export class Controls {
   }
 
   private showSheet(name: SheetName | null): void {
-    this.panel.toggle(name === "info");
+    clearInterval(this.figuresTimer);
+    if (name === "info") {
+      const show = (): void => showFigures(this.part(".info tbody"), this.player);
+      show();
+      this.figuresTimer = setInterval(show, 500);
+    }
     this.part("[data-act='settings']").setAttribute("aria-expanded", String(name === "settings"));
     this.part(".bar [data-act='info']").setAttribute("aria-pressed", String(name === "info"));
   }

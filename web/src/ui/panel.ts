@@ -1,11 +1,11 @@
-/** The info panel: live playback statistics. */
+/** The info panel's playback statistics. */
 
 import type { Player } from "../player/player.ts";
 import { DECODERS } from "./choices.ts";
 import { make } from "./dom.ts";
 import { bytes, count, milliseconds, plural } from "./format.ts";
 
-export function figures(player: Player): [string, string][] {
+function figures(player: Player): [string, string][] {
   const { statistics: s, info, group, stream } = player;
   const received = bytes(stream.receivedBytes);
   const wanted = Number(((info?.fps ?? 0) * player.speed).toFixed(2));
@@ -20,7 +20,7 @@ export function figures(player: Player): [string, string][] {
     ["Sort", milliseconds(s.sort.mean())],
     ["Prepare", `${milliseconds(s.prepare.mean(4))} per group`],
     ["Upload", milliseconds(s.upload.mean())],
-    ["Render", s.gpu.count > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
+    ["Render", s.gpu.mean() > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],
     ["Image", `${width} × ${height}`],
     ["Bandwidth", stream.bandwidth === 0 ? "–" : `${stream.bandwidth.toFixed(1)} Mbit/s`],
@@ -39,23 +39,8 @@ export function figures(player: Player): [string, string][] {
   return rows;
 }
 
-export class Panel {
-  private timer = 0;
-
-  constructor(private readonly element: HTMLElement, private readonly player: Player) {}
-
-  /** Keeps the figures current while they are shown. */
-  toggle(open: boolean): void {
-    clearInterval(this.timer);
-    if (!open) return;
-    this.refresh();
-    this.timer = setInterval(() => this.refresh(), 500);
-  }
-
-  private refresh(): void {
-    const table = this.element.querySelector("tbody")!;
-    table.replaceChildren(
-      ...figures(this.player).map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, value))),
-    );
-  }
+export function showFigures(table: HTMLElement, player: Player): void {
+  table.replaceChildren(
+    ...figures(player).map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, value))),
+  );
 }
