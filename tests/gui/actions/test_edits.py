@@ -38,7 +38,8 @@ def stand_in(workspace: Workspace, take_copy: Path) -> Any:
     workspace.open(Take.open(take_copy))
     editor, rig = EditView(workspace), read_rig(take_copy / "calibrate" / "rig.json")
     up = np.array([0.0, 0.0, 1.0])
-    editor.begin(OrbitCamera.looking_through(rig["cam0"], np.zeros(3), up), up, np.zeros((0, 3)))
+    orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), up)
+    editor.begin(orbit, orbit, up, np.zeros((0, 3)))
     views = SimpleNamespace(editor=editor, edits_take=True, edit_dialog=Signal())
     view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
     window: Any = SimpleNamespace(
