@@ -34,19 +34,19 @@ class Signal(Generic[Arguments]):
 class Timer:
     """Calls a bound method every so often, as long as its object exists: only a weak reference is kept."""
 
-    def __init__(self, seconds: float, method: Callback, now: Callable[[], float]) -> None:
-        self._seconds, self._method, self._now = seconds, weakref.WeakMethod(method), now
-        self._due = now()
+    def __init__(self, seconds: float, method: Callback) -> None:
+        self._seconds, self._method = seconds, weakref.WeakMethod(method)
+        self._due = 0.0
 
     def soon(self) -> None:
         """Call the method at the next run of the loop."""
-        self._due = self._now()
+        self._due = 0.0
 
     def run(self) -> bool:
         """Call the method if it is due; returns whether the timer is still needed."""
         method = self._method()
-        if method is not None and self._now() >= self._due:
-            self._due = self._now() + self._seconds
+        if method is not None and time.monotonic() >= self._due:
+            self._due = time.monotonic() + self._seconds
             method()
         return method is not None
 
@@ -62,9 +62,9 @@ class Loop:
         """Call `callback` at the next run. Thread-safe."""
         self._posted.append(callback)
 
-    def every(self, seconds: float, method: Callback, now: Callable[[], float] = time.monotonic) -> Timer:
+    def every(self, seconds: float, method: Callback) -> Timer:
         """Call a bound method at the next run and then once per period; see `Timer`."""
-        timer = Timer(seconds, method, now)
+        timer = Timer(seconds, method)
         self._timers.append(timer)
         return timer
 

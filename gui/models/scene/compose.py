@@ -13,7 +13,7 @@ from gui.models.scene.contents import Color
 from gui.models.scene.fragments import Patch
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
-from studio.rasterizer import preferred_device, rasterize
+from studio.rasterizer import Render, preferred_device, rasterize
 
 MOST_PER_PIXEL = 8  # fragments that are blended in a pixel: the nearest ones
 SLACK = 1.002  # relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it
@@ -31,23 +31,21 @@ class SplatLayer:
 
 def draw(gaussians: Gaussians, camera: Camera, background: Color) -> np.ndarray:
     """Render on the GPU if there is one: (height, width, 3) uint8 RGB, C order. Raises StudioError, see `rasterize`."""
-    device = preferred_device()
-    with torch.no_grad():
-        moved = gaussians.to(device)
-        color = torch.tensor(background, dtype=moved.means.dtype, device=device)
-        image = rasterize(moved, camera, color).image
-        pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: it has no other references
+    image = _rendered(gaussians, camera, background).image
+    pixels = image.clamp_(0.0, 1.0).mul_(255.0).add_(0.5).to(torch.uint8)  # in place: it has no other references
     return np.ascontiguousarray(pixels.cpu().numpy())
 
 
 def draw_layer(gaussians: Gaussians, camera: Camera) -> SplatLayer:
     """Render over black, with opacity and depth, on the GPU if there is one. Raises StudioError, see `rasterize`."""
-    device = preferred_device()
-    with torch.no_grad():
-        moved = gaussians.to(device)
-        render = rasterize(moved, camera, torch.zeros(3, dtype=moved.means.dtype, device=device))
-    image, alpha, depth = (one.float().cpu().numpy() for one in (render.image, render.alpha, render.depth))
-    return SplatLayer(image, alpha, depth)
+    render = _rendered(gaussians, camera, (0.0, 0.0, 0.0))
+    return SplatLayer(*(one.float().cpu().numpy() for one in (render.image, render.alpha, render.depth)))
+
+
+@torch.no_grad()
+def _rendered(gaussians: Gaussians, camera: Camera, background: Color) -> Render:
+    moved = gaussians.to(preferred_device())
+    return rasterize(moved, camera, moved.means.new_tensor(background))
 
 
 class Surfaces:

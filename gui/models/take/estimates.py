@@ -12,7 +12,7 @@ from gui.models.loop import Signal
 from gui.models.take.jobs import Commands
 from pipelines.config import Config
 from pipelines.config.presets import PRESETS
-from pipelines.events import Finished, read_line
+from pipelines.events import Event, Finished, read_line
 from pipelines.reports.terminal import duration
 from pipelines.takes.atomic_files import write_text
 from pipelines.takes.take import Take, program_version
@@ -29,7 +29,7 @@ class Estimates(Commands):
         self.changed: Signal[[]] = Signal()
         self.figures: Figures = {}
         self.failure = ""
-        self._output = ""
+        self._end: Finished | None = None
         self._of: tuple[Path | None, Config | None] = (None, None)
         self._path: Path | None = None
         self._measures: Path | None = None
@@ -47,21 +47,22 @@ class Estimates(Commands):
         """Measure, unless a measurement is in progress. It takes about a minute and all cores."""
         if self.running or self._path is None:
             return
-        self._output, self.failure, self._measures = "", "", self._path
+        self._end, self.failure, self._measures = None, "", self._path
         self._run(["estimate", str(take.root), "--presets", "--json"])
         self.changed.emit()
 
-    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
-        self._output += "".join(lines)
+    def _told(self, events: Sequence[Event], status: int | None, error: str) -> None:
+        self._end = next((event for event in events if isinstance(event, Finished)), self._end)
         if status is None:
             return
         if status == 0 and self._measures is not None:
-            found = _read(self._output)
-            if not found:
+            found = _figures(self._end)
+            if self._end is None or not found:
                 self.failure = "The estimate cannot be read."
-            with contextlib.suppress(OSError):  # without a cache it is measured again next time
-                self._measures.parent.mkdir(parents=True, exist_ok=True)
-                write_text(self._measures, self._output)
+            else:
+                with contextlib.suppress(OSError):  # without a cache it is measured again next time
+                    self._measures.parent.mkdir(parents=True, exist_ok=True)
+                    write_text(self._measures, self._end.to_json())
             if self._measures == self._path:
                 self.figures = found
         elif status != 0:
@@ -80,7 +81,7 @@ class Estimates(Commands):
         self._path, self.figures = path, {}
         if path is not None:
             with contextlib.suppress(OSError):
-                self.figures = _read(path.read_text(encoding="utf-8"))
+                self.figures = _figures(read_line(path.read_text(encoding="utf-8"))[0])
         return True
 
 
@@ -99,11 +100,10 @@ def _cache_file(take: Take, config: Config) -> Path:
     return cache_folder() / "estimates" / name
 
 
-def _read(text: str) -> Figures:
-    """Figures of the command's last line; empty if it is damaged."""
+def _figures(end: Event | None) -> Figures:
+    """Figures of the command's last event; empty if it is damaged."""
     found: dict[str, tuple[float, int | None]] = {}
-    last, _ = read_line(text.strip().rpartition("\n")[2])
-    result: Any = last.result if isinstance(last, Finished) else {}
+    result: Any = end.result if isinstance(end, Finished) else {}
     with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
         for name, one in result["presets"].items():
             stream = next((stage["bytes"] for stage in one["stages"] if stage["stage"] == "bake"), None)

@@ -10,7 +10,7 @@ from gui.models.playback.viewpoint import BACKGROUNDS
 from gui.models.take.jobs import Commands, scratch_folder
 from gui.models.take.page_words import in_page_words
 from gui.models.take.shares import NamedTarget, ShareRequest
-from pipelines.events import Finished, Log, Progress, read_line
+from pipelines.events import Event, Finished, Log, Progress
 from pipelines.events.cancellation import EXIT_CANCELLED
 from pipelines.takes.camera_paths import in_export
 from studio.counts import counted, size_words
@@ -162,11 +162,10 @@ class Exports(Commands):
         width, height = map(int, request.size.split("x"))
         return in_export(self.path.fitted_keys(width, height), request.source, request.of, self.path.numbers)
 
-    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
+    def _told(self, events: Sequence[Event], status: int | None, error: str) -> None:
         request = self.request
         assert request is not None
-        for line in lines:
-            event, _ = read_line(line)
+        for event in events:
             if isinstance(event, Progress):
                 self.progress = f"{event.label}: {event.figures.get('done')} of {event.figures.get('total')}"
             elif isinstance(event, Log):

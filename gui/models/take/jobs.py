@@ -141,10 +141,10 @@ class Commands:
         if status is not None:
             error = process.last_line().removeprefix("error: ")
             self._forget()
-        self._told(lines, status, error)
+        self._told([event for event, _ in map(read_line, lines) if event is not None], status, error)
 
-    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
-        """Take new lines of the output, and the exit status with the last error; None while the command runs."""
+    def _told(self, events: Sequence[Event], status: int | None, error: str) -> None:
+        """Take new events, and the exit status with the last error; None while the command runs."""
         raise NotImplementedError
 
     def stop(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 
@@ -152,10 +153,10 @@ class RunState:
             self._say(line, "error")
         self._say(message, "error")
 
-    def note(self, text: str, now: float, failed: bool = False) -> None:
-        """Add a line to the log that comes from no event. `now`: seconds since 1970."""
+    def note(self, text: str, failed: bool = False) -> None:
+        """Add a line to the log that comes from no event."""
         self.changes += 1
-        self._now = now
+        self._now = time.time()
         self._say(text, "error" if failed else "")
 
     def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from gui.models.loop import Signal
 from gui.models.take.jobs import Commands
+from pipelines.events import Event
 from pipelines.events import Serving as ServingEvent
-from pipelines.events import read_line
 
 
 class Serving(Commands):
@@ -30,13 +30,12 @@ class Serving(Commands):
         self._run(["serve", source, *options], tied=True)
         self.source = source
 
-    def _told(self, lines: Sequence[str], status: int | None, error: str) -> None:
+    def _told(self, events: Sequence[Event], status: int | None, error: str) -> None:
         if status is not None:
             self.failed.emit(f"Serving has ended: {error}")
             return
         before = self.address
-        for line in lines:
-            event, _ = read_line(line)
+        for event in events:
             if isinstance(event, ServingEvent) and event.streams:
                 self.address = event.streams[0]["address"]
                 self.fingerprint = event.fingerprint or ""

@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -69,15 +68,10 @@ class TakeQueue:
     queue failed; "" if neither. While it is `watched`, on screen, its file is read now and then; `changed` tells of
     `state`."""
 
-    def __init__(
-        self,
-        queue: QueueFile | None = None,
-        start: Callable[[QueueFile], subprocess.Popen[bytes]] = start_queue,
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._queue, self._start = queue or QueueFile(default_queue()), start
-        self._worker: LatestWorker[QueueFile, QueueView] | None = None
-        self._timer = LOOP.every(LOOK_EVERY, self._look, now)
+    def __init__(self, queue: QueueFile | None = None) -> None:
+        self._queue = queue or QueueFile(default_queue())
+        self._worker: LatestWorker[QueueFile, QueueView] = LatestWorker(look, "v3studio queue", self._read)
+        self._timer = LOOP.every(LOOK_EVERY, self._look)
         self.watched: Callable[[], bool] = lambda: True
         self.changed: Signal[[]] = Signal()
         self._process: subprocess.Popen[bytes] | None = None
@@ -88,8 +82,6 @@ class TakeQueue:
         """Read the queue on a thread, and note whether the program that works through it has ended."""
         if not self.watched():
             return
-        if self._worker is None:
-            self._worker = LatestWorker(look, "v3studio queue", self._read)
         self._worker.ask(self._queue)
         if self._process is not None and self._process.poll() is not None:
             code = self._process.returncode
@@ -167,7 +159,7 @@ class TakeQueue:
         if not self.running:
             with self._changing():
                 self._queue.path.parent.mkdir(parents=True, exist_ok=True)
-                self._process = self._start(self._queue)
+                self._process = start_queue(self._queue)
 
     def stop(self) -> None:
         """Stop working through the queue; the take that runs keeps finished work and waits again."""

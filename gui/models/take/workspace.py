@@ -300,7 +300,7 @@ class Workspace:
 
     def note(self, text: str, failed: bool = False) -> None:
         """Add a line to the log about something else than the run."""
-        self.run.note(text, time.time(), failed)
+        self.run.note(text, failed)
         self._notify()
 
     def cancel(self) -> None:

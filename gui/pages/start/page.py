@@ -1,7 +1,7 @@
 """StartPage: the cards of what was open recently, the queue of takes, and which of them has the keyboard focus."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +41,8 @@ def _look(request: _Request) -> _Facts:
 class StartPage:
     """See the module. Call `look` now and then while it is on screen; it does not block."""
 
-    def __init__(self, queue: TakeQueue, sample: bool, now: Callable[[], float] = time.monotonic) -> None:
-        self.queue, self.sample, self._now = queue, sample, now  # sample: whether the sample capture is there
+    def __init__(self, queue: TakeQueue, sample: bool) -> None:
+        self.queue, self.sample = queue, sample  # sample: whether the sample capture is there
         self.changed: Signal[[]] = Signal()
         queue.changed.connect(self.changed.emit)
         self.places: tuple[str, ...] = ()
@@ -54,7 +54,7 @@ class StartPage:
         self._looked: dict[str, float] = {}
         self._measured: dict[str, float] = {}
         self._pictured: dict[str, object] = {}
-        self._worker: LatestWorker[_Request, _Facts] | None = None
+        self._worker: LatestWorker[_Request, _Facts] = LatestWorker(_look, "v3studio start", self._found)
         self._asked: _Request | None = None
 
     def look(self, places: Sequence[str]) -> None:
@@ -65,8 +65,6 @@ class StartPage:
                 for gone in set(known) - set(places):
                     del known[gone]
             self.changed.emit()
-        if self._worker is None:
-            self._worker = LatestWorker(_look, "v3studio start", self._found)
         if self._asked is None:
             self._asked = self._next()
             if self._asked is not None:
@@ -89,7 +87,7 @@ class StartPage:
 
     def _next(self) -> _Request | None:
         """What to read next: cards that are not known, then images, then cards that may have changed."""
-        now = self._now()
+        now = time.monotonic()
         for place in self.places:
             if place not in self.cards:
                 self._looked[place] = self._measured[place] = now

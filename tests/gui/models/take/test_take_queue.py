@@ -1,4 +1,3 @@
-import itertools
 import os
 import subprocess
 import sys
@@ -6,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.take.take_queue import LOOK_EVERY, QueueRow, TakeQueue, look
+from gui.models.take import take_queue
+from gui.models.take.take_queue import QueueRow, TakeQueue, look
 from pipelines.batch.queue_file import QueueFile
 from pipelines.batch.run_queue import errors_of
 from pipelines.events import Progress, RunStarted, StageStarted
@@ -21,8 +21,10 @@ def failing(queue: QueueFile) -> subprocess.Popen[bytes]:
 
 
 @pytest.fixture
-def shown(tmp_path: Path) -> TakeQueue:
-    return TakeQueue(QueueFile(tmp_path / "queue.json"), failing, itertools.count(0.0, 2 * LOOK_EVERY).__next__)
+def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TakeQueue:
+    monkeypatch.setattr(take_queue, "LOOK_EVERY", 0.0)
+    monkeypatch.setattr(take_queue, "start_queue", failing)
+    return TakeQueue(QueueFile(tmp_path / "queue.json"))
 
 
 def test_what_is_refused_is_said(shown: TakeQueue, tmp_path: Path) -> None:

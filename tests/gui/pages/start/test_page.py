@@ -1,4 +1,3 @@
-import itertools
 import shutil
 from pathlib import Path
 
@@ -6,7 +5,7 @@ import pytest
 
 from gui.models.take.take_queue import TakeQueue
 from gui.pages.start.drawing import StartImage
-from gui.pages.start.page import LOOK_EVERY, StartPage
+from gui.pages.start.page import StartPage
 from pipelines.batch.queue_file import QueueFile
 from tests.support.looping import wait_in_loop
 
@@ -15,7 +14,8 @@ from tests.support.looping import wait_in_loop
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StartPage:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     queue = TakeQueue(QueueFile(tmp_path / "queue.json"))
-    return StartPage(queue, True, itertools.count(0.0, LOOK_EVERY).__next__)  # seconds pass at each look
+    monkeypatch.setattr("gui.pages.start.page.LOOK_EVERY", 0.0)
+    return StartPage(queue, True)
 
 
 def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(
