@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, add_settings, invalid_option
+from pipelines.commands.common.arguments import add_command, add_overwrite, add_settings
 from pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
@@ -38,7 +38,7 @@ def register(commands: Any) -> None:
         help=f"variants (default: {names}); beyond the paper: {more}; the full method is always included",
     )
     parser.add_argument(
-        "--qps", default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
+        "--qps", type=_qps, default=",".join(map(str, QPS)), metavar="N,N", help="QPs to bake at (default: %(default)s)"
     )
     add_settings(parser)
 
@@ -53,10 +53,9 @@ def _ablate(arguments: argparse.Namespace) -> None:
     from pipelines.runs.console import Bars
     from pipelines.takes.atomic_files import disk_errors
 
-    qps = _qps(arguments.qps)
     variants = chosen([name for name in arguments.variants.split(",") if name])
     default = load_config(arguments.config, arguments.overrides).bake.qp
-    qps = sorted({*qps, default})
+    qps = sorted({*arguments.qps, default})
     check_output(arguments.out, True, _is_study)
     fresh = replacing(arguments.out, True, _is_study) if arguments.overwrite else nullcontext()
     with disk_errors(arguments.out), fresh, nullcontext(arguments.emit) if arguments.json else Bars() as show:
@@ -88,14 +87,10 @@ def _is_study(out: Path) -> bool:
     return (out / "ablation.json").is_file() or (out / "takes").is_dir()
 
 
-def _qps(text: str) -> list[int]:
-    try:
-        qps = sorted({int(value) for value in text.split(",")})
-    except ValueError:
-        raise invalid_option(
-            "--qps", f"--qps '{text}' is not a comma-separated list of integers", "Example: 12,16,20,24.", text
-        ) from None
-    if len(qps) < 4 or not all(0 <= qp <= 51 for qp in qps):
-        problem = f"--qps '{text}': comparing curves needs at least four QPs from 0 to 51"
-        raise invalid_option("--qps", problem, "Example: 12,16,20,24.", text)
+def _qps(text: str) -> set[int]:
+    qps = {int(value) if value.strip().isdecimal() else -1 for value in text.split(",")}
+    if len(qps) < 4 or not all(0 <= qp <= 51 for qp in qps):  # fewer are no curve to compare
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a list of at least four QPs from 0 to 51; example: 12,16,20,24"
+        )
     return qps

@@ -79,9 +79,6 @@ def register(commands: Any) -> None:
     _vector(world, "--to", "another point")
     world.add_argument("--distance", type=float, metavar="D", help="distance of the two points in new units")
 
-    region = _kind(kinds, "region", "remove what is in a region from a JSON file, as drawn in the window", _region)
-    region.add_argument("file", type=Path, metavar="FILE", help="one of the `regions` of `v3studio edit list --json`")
-
     detail = _kind(kinds, "detail", "mark a part of the performer (face, hand) for training in more detail", _detail)
     detail.add_argument(
         "--frame", type=int, metavar="F", help="trained frame, by its number in the footage (default: the first)"
@@ -266,20 +263,6 @@ def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     return _change(take, edits, "world", values)
 
 
-def _region(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from studio.bounded_files import TextError, parse_json, read_bounded
-    from studio.errors import reason_of
-
-    try:
-        values = parse_json(read_bounded(arguments.file))
-    except (OSError, TextError) as error:
-        problem = f"cannot be read ({reason_of(error)})"
-        fix = "Specify a JSON file with one of the `regions` that `v3studio edit list TAKE --json` prints."
-        raise StudioError("edits.region_unreadable", problem, file=arguments.file, fix=fix) from None
-    regions = [*edits.model_dump(mode="json")["regions"], values]
-    return _change(take, edits, "regions", regions, arguments.file)
-
-
 def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
@@ -290,7 +273,7 @@ def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius
     before = [one.model_dump(mode="json") for one in edits.details]
     numbers = {"radius": radius, "weight": arguments.weight, "path": [(0, center.tolist())]}
-    _checked(edits, "details", [*before, numbers], None)
+    _checked(edits, "details", [*before, numbers])
     mark = followed(take, arguments.frame, center, radius, arguments.weight)
     return _change(take, edits, "details", [*before, mark.model_dump(mode="json")])
 
@@ -326,18 +309,18 @@ def _step(word: str, arguments: argparse.Namespace, take: Take, edits: EditList)
     return f"{word}: {(undo_edit if word == 'undone' else redo_edit)(take.edits)[1]}"
 
 
-def _change(take: Take, before: EditList, name: str, value: object, file: Path | None = None) -> str:
-    """Set an edit to JSON-ready values, which may come from a file; returns what it is now, in words."""
+def _change(take: Take, before: EditList, name: str, value: object) -> str:
+    """Set an edit to JSON-ready values; returns what it is now, in words."""
     from pipelines.takes.edits import change_edits, describe, frame_of
 
-    after = _checked(before, name, value, file)
+    after = _checked(before, name, value)
     words = list(describe(after, frame_of(take)).items())
     shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
     change_edits(take.edits, after, (shown or [name])[0], before)
     return "".join(shown)
 
 
-def _checked(before: EditList, name: str, value: object, file: Path | None) -> EditList:
+def _checked(before: EditList, name: str, value: object) -> EditList:
     """The edits with one of them changed; arguments as in `_change`."""
     from pydantic import ValidationError
 
@@ -355,9 +338,7 @@ def _checked(before: EditList, name: str, value: object, file: Path | None) -> E
         fix = f"`v3studio edit {singular(name)} --help` shows what is possible."
         if first["type"] == "too_long":
             fix = f"Remove one first: `v3studio edit remove TAKE {singular(name)} NUMBER`."
-        elif file is None:
-            raise invalid_option(where, problem, fix, given, edit=name) from None
-        raise StudioError("edits.invalid", problem, file=file, value=given, fix=fix, edit=name) from None
+        raise invalid_option(where, problem, fix, given, edit=name) from None
 
 
 def _frames(take: Take) -> tuple[int, ...]:

@@ -39,7 +39,7 @@ DEFAULT_OF = "decoded"
 """Which frames of a take are exported by default: those that a player shows. Also the default in the window."""
 
 _NOTE = "formats:\n" + "\n".join(f"  {name:12} {one.written}" for name, one in EXPORTS.items())
-_SIZE = "1280x720"
+_SIZE = (1280, 720)
 _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch
 
 
@@ -69,12 +69,17 @@ def register(commands: Any) -> None:
     )
     export.add_argument("--qp", type=int, default=22, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
     export.add_argument(
-        "--size", metavar="WxH", help=f"movies, exr: size in pixels (default: {_SIZE}, or that of the footage camera)"
+        "--size",
+        type=_size,
+        metavar="WxH",
+        help="movies, exr: size in pixels (default: 1280x720, or that of the footage camera)",
     )
     export.add_argument("--seconds", type=float, help="movies: duration (default: that of the path or the source)")
     export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")
     export.add_argument("--crf", type=int, default=18, help="movies: CRF of x264, 0 to 51 (default: 18)")
-    export.add_argument("--background", metavar="R,G,B", help="movies: 0 to 1 each (default: that of the source)")
+    export.add_argument(
+        "--background", type=_color, metavar="R,G,B", help="movies: 0 to 1 each (default: that of the source)"
+    )
     export.add_argument(
         "--path", type=Path, metavar="FILE",
         help="camera-path, exr: camera keyframes, a rig.json, or a camera of a USD or Nuke (.nk) file",
@@ -113,7 +118,7 @@ def register(commands: Any) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    size = _size(arguments.size or _SIZE)
+    size = arguments.size or _SIZE
     if arguments.spz_version is not None and arguments.format != "spz":
         problem = f"--format {arguments.format} has no --spz-version"
         raise invalid_option("--spz-version", problem, "Remove --spz-version.", arguments.spz_version)
@@ -298,7 +303,7 @@ def _chosen(video: SplatVideo, frames: tuple[int | None, int | None, int], sh_de
 def _size(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
     if found is None:
-        raise invalid_option("--size", f"--size '{text}' is not of the form WxH", "Example: 1280x720.", text)
+        raise argparse.ArgumentTypeError(f"'{text}' is not of the form WxH; example: 1280x720")
     return int(found[1]), int(found[2])
 
 
@@ -354,7 +359,7 @@ def _movie(
     from studio.formats.movie import movie_sound, render_movie
 
     if arguments.background is not None:
-        video = replace(video, background=_color(arguments.background))
+        video = replace(video, background=arguments.background)
 
     camera: Callable[[float], Camera]
     frame: Callable[[float], float] = partial(operator.mul, video.fps)
@@ -450,7 +455,5 @@ def _plates(
 def _color(text: str) -> tuple[float, float, float]:
     color = three_numbers(text)
     if color is None or not all(0 <= value <= 1 for value in color):
-        raise invalid_option(
-            "--background", f"--background '{text}' is not three numbers from 0 to 1", "Example: 1,1,1.", text
-        )
+        raise argparse.ArgumentTypeError(f"'{text}' is not three numbers from 0 to 1; example: 1,1,1")
     return color

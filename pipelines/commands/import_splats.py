@@ -28,6 +28,7 @@ def register(commands: Any) -> None:
     )
     parser.add_argument(
         "--up",
+        type=_direction,
         metavar="X,Y,Z",
         help="up direction (default: what the file says; otherwise 0,1,0 for SPZ, 0,-1,0 for others)",
     )
@@ -38,7 +39,6 @@ def _import(arguments: argparse.Namespace) -> None:
     if arguments.fps is not None and not 0 < arguments.fps <= 1000:
         problem = f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second"
         raise invalid_option("--fps", problem, "Example: 30.", arguments.fps)
-    up = None if arguments.up is None else _vector(arguments.up)
     from dataclasses import replace
 
     import numpy as np
@@ -53,10 +53,10 @@ def _import(arguments: argparse.Namespace) -> None:
         video = open_import(arguments.source, arguments.fps, progress)
     for note in video.notes:
         say_note(arguments, note)
-    if up is None and video.up is not None:
+    if arguments.up is not None:
+        video = replace(video, up=np.array(arguments.up))
+    elif video.up is not None:
         say_note(arguments, f"up is {','.join(f'{value:g}' for value in video.up)} (--up overrides it)")
-    if up is not None:
-        video = replace(video, up=np.array(up))
     replaced = replacing(arguments.out, arguments.overwrite, lambda out: (out / "manifest.json").is_file())
     with replaced, working("bake", arguments) as progress:
         size = config.train.group_size if arguments.group_size is None else arguments.group_size
@@ -85,9 +85,9 @@ def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:
             raise StudioError("import.setting_not_used", problem, file=COMMAND_LINE, value=value, fix=fix, setting=name)
 
 
-def _vector(text: str) -> tuple[float, float, float]:
+def _direction(text: str) -> tuple[float, float, float]:
     x, y, z = three_numbers(text) or (0.0, 0.0, 0.0)
     length = (x * x + y * y + z * z) ** 0.5
     if not 0 < length < float("inf"):
-        raise invalid_option("--up", f"--up '{text}' is not a direction X,Y,Z", "Example: 0,0,1.", text)
+        raise argparse.ArgumentTypeError(f"'{text}' is not a direction X,Y,Z; example: 0,0,1")
     return x / length, y / length, z / length

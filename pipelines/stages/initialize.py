@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,9 +55,14 @@ def results(inputs: Inputs) -> list[Path]:
 
 def units(inputs: Inputs) -> tuple[int, int, str] | None:
     """Groups with valid points."""
-    groups = inputs.groups
-    known = digests_on_record(inputs.take, STAGE.name)
-    done = sum(_seems_done(inputs, group, known) for group in groups)
+    groups, known = inputs.groups, digests_on_record(inputs.take, STAGE.name)
+
+    def digest(file: Path) -> str | None:
+        """Without reading files, gigabytes in a long take, of known digest or older than the report."""
+        older = file.stat().st_mtime_ns <= file.with_name("report.json").stat().st_mtime_ns
+        return known.get(file) or (None if older else digest_of_file(file))
+
+    done = sum(_is_made(inputs, group, digest) for group in groups)
     return done, len(groups), "groups"
 
 
@@ -96,34 +101,20 @@ def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    """The report has the current key, and the files have the digests in it."""
-    folder, report = inputs.take.initialize_group(group.index), _has_report(inputs, group)
-    return report is not None and all(digest_of_file(folder / name) == value for name, value in report.files.items())
+    return _is_made(inputs, group, digest_of_file)
 
 
-def _seems_done(inputs: Inputs, group: Group, known: Mapping[Path, str]) -> bool:
-    """The same without reading files, gigabytes in a long take, of known digest or older than the report."""
-    folder, report = inputs.take.initialize_group(group.index), _has_report(inputs, group)
-    if report is None:
-        return False
-    written = (folder / "report.json").stat().st_mtime_ns
-    for name, value in report.files.items():
-        file = folder / name
-        digest = known.get(file) or (None if file.stat().st_mtime_ns <= written else digest_of_file(file))
-        if digest not in (None, value):
-            return False
-    return True
-
-
-def _has_report(inputs: Inputs, group: Group) -> InitialPointsReport | None:
-    """The report, if it has the current key and its files are there."""
+def _is_made(inputs: Inputs, group: Group, digest: Callable[[Path], str | None]) -> bool:
+    """Whether the report has the current key, and its files are there with the digests in it; `digest`: of a file; None
+    if it is taken to be right."""
     folder = inputs.take.initialize_group(group.index)
     if not (folder / "report.json").is_file():
-        return None
+        return False
     report = read_model(folder / "report.json", InitialPointsReport)
-    if report.key != group_key(inputs, group):
-        return None
-    return report if all((folder / name).is_file() for name in report.files) else None
+    files = {folder / name: value for name, value in report.files.items()}
+    return report.key == group_key(inputs, group) and all(
+        file.is_file() and digest(file) in (None, value) for file, value in files.items()
+    )
 
 
 def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float) -> None:

@@ -8,7 +8,7 @@ which the edit holds. In the group in which a region was drawn, those inside in 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -42,24 +42,20 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """(N,) bool by kind of edit: the splats that it removes; `loose`: in a small cluster, and not removed otherwise."""
+    """(N,) bool by kind of edit: the splats that it removes; "loose": in a small cluster, and not removed otherwise."""
 
-    crop: np.ndarray
-    ground: np.ndarray
-    regions: np.ndarray
-    faint: np.ndarray
-    loose: np.ndarray
+    kinds: dict[str, np.ndarray]
 
     @property
     def removed(self) -> np.ndarray:
         """(N,) bool: what any edit removes."""
-        found: np.ndarray = np.any([getattr(self, one.name) for one in fields(self)], axis=0)
+        found: np.ndarray = np.any(list(self.kinds.values()), axis=0)
         return found
 
     @property
     def counts(self) -> dict[str, int]:
         """Number of splats by kind; one splat may count for several."""
-        return {one.name: int(getattr(self, one.name).sum()) for one in fields(self)}
+        return {name: int(one.sum()) for name, one in self.kinds.items()}
 
 
 def select(edits: EditList, paths: Paths) -> Selection:
@@ -77,7 +73,7 @@ def select(edits: EditList, paths: Paths) -> Selection:
         kept = np.flatnonzero(~(crop | ground | regions | faint))
         loose = nothing.copy()
         loose[kept] = _loose(edits.floaters, paths.means[0, kept], paths.opacities[0, kept])
-    return Selection(crop, ground, regions, faint, loose)
+    return Selection({"crop": crop, "ground": ground, "regions": regions, "faint": faint, "loose": loose})
 
 
 def in_region(region: Region, paths: Paths) -> np.ndarray:

@@ -53,7 +53,6 @@ def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
         ("share take --out site --view north", 1, "'north' is not a view"),
         ("serve take --certificate gone.pem", 1, "gone.pem: not a certificate with its private key (no such file"),
         ("models get isnet --package odd.json", 1, "odd.json: the package of the model isnet cannot be unpacked"),
-        ("edit region take odd.json", 1, "odd.json: view is missing"),
         ("play take --frames 7:9", 2, "--frames 7:9: the stream has no such frames. It has frames 0 to 4"),
     ],
 )

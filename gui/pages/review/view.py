@@ -458,7 +458,7 @@ class EditView(OrbitView):
         canvas = self._drawn(view, state, splats, edited.paths.means[edited.at][selected])
         if state.tool == "floaters":
             limits = (state.pending or state.edits).floaters
-            kept = ~(found.crop | found.ground | found.regions)
+            kept = ~np.any([found.kinds[name] for name in ("crop", "ground", "regions")], axis=0)
             opacities, limit = edited.paths.opacities.max(axis=0)[kept], limits.opacity if limits is not None else None
             draw_histogram(canvas, HistogramPlace(size, state.em), opacities, limit)
         self._say(canvas, state)

@@ -66,4 +66,4 @@ def test_command_shares_keyframes_measures_and_goes_on(project, here):
     again = here(*arguments, "--set", "capture.frames=:2", "--json").ok()
     assert again.result == {"path": str(out), **results}
     assert {path: path.stat().st_mtime_ns for path in out.rglob("frame_*")} == before
-    here(*arguments[:-1], "10,x").fails("--qps '10,x' is not", code=2)
+    here(*arguments[:-1], "10,x").fails("'10,x' is not", code=2)

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from pipelines.review.take_review import TakeReview
-from pipelines.takes.edits import read_edits
+from pipelines.takes.edits import change_edits, read_edits
 from pipelines.takes.frame_files import read_frame
 from pipelines.takes.point_files import read_points
 from pipelines.takes.take import Take
 from pipelines.takes.videos import decoded_video, trained_video
 from studio.camera_files import read_rig
+from studio.edits.edit_list import Region
 from studio.formats.rigid_motion import placed
 from studio.rasterizer import rasterize
 from studio.stream import StreamMetadata, StreamReader
@@ -149,27 +150,26 @@ def read_points_of(take: Path) -> np.ndarray:
         (("detail", "--at", 0, 0, 0, "--radius", 0), "radius = 0.0 must be above 0"),
         (("detail", "--at", 0, 0, 0, "--radius", 1, "--weight", "0.5"), "weight = 0.5 must be at least 1"),
         (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
-        (("region", "none.json"), "none.json"),
     ],
 )
 def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, sentence) -> None:
-    unknown = words[0] in ("undo", "region") or words[-1] == 5 or 9 in words  # not in this take, or not a file
+    unknown = words[0] == "undo" or words[-1] == 5 or 9 in words  # not in this take
     result = here("edit", words[0], finished / "take", *words[1:]).fails(sentence, code=1 if unknown else 2)
     assert result.stderr.startswith("error: ")
     assert not (finished / "take" / "edits.json").exists()
 
 
-def test_floaters_ground_and_regions(here, take, tmp_path) -> None:
+def test_floaters_ground_and_regions(here, take) -> None:
     here("edit", "floaters", take, "--opacity", "0.05", "--share", "0.02").ok()
     here("edit", "ground", take, "-0.2").ok()
-    assert read_edits(take / "edits.json").ground is not None
+    edits = read_edits(take / "edits.json")
+    assert edits.ground is not None
     camera = next(iter(read_rig(take / "calibrate" / "rig.json")))
     region = {
         "view": {"width": 64, "height": 48, "K": camera.K.tolist(), "world_to_camera": camera.world_to_camera.tolist()},
         "outline": [[0, 0], [64, 0], [64, 24], [0, 24]],
     }
-    (tmp_path / "region.json").write_text(json.dumps(region))
-    here("edit", "region", take, tmp_path / "region.json").ok()
+    change_edits(take / "edits.json", edits.with_(regions=(Region.model_validate(region),)), "region", edits)
     counted = here("edit", "count", take).ok().stdout.splitlines()
     assert len(counted) == 2
     assert all("ground" in line and "regions" in line for line in counted)

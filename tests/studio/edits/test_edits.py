@@ -73,7 +73,7 @@ def test_boxes_and_planes_take_what_is_outside_in_half_of_the_frames() -> None:
     assert turned.holds(np.array([[1.3, 0, 0], [0.9, 0.9, 0]])).tolist() == [True, False]
     assert np.allclose(np.sort(np.linalg.norm(turned.corners, axis=1)), np.sqrt(3))
     ground = EditList(ground=Ground(normal=(2, 0, 0), height=0.95))
-    assert select(ground, paths).ground.tolist() == [True, True, True]
+    assert select(ground, paths).kinds["ground"].tolist() == [True, True, True]
     assert select(EditList(ground=Ground(normal=(2, 0, 0), height=0.5)), paths).counts["ground"] == 2
 
 
@@ -134,10 +134,10 @@ def test_floaters_are_small_clusters_and_faint_splats() -> None:
     opacities = np.ones(len(means))
     opacities[:10] = 0.01
     found = select(EditList(floaters=Floaters(share=0.05, distance=0.2)), still(means, opacities))
-    assert np.flatnonzero(found.loose).tolist() == list(range(900, 932))
+    assert np.flatnonzero(found.kinds["loose"]).tolist() == list(range(900, 932))
     few = select(EditList(floaters=Floaters(splats=10, opacity=0.05, distance=0.2)), still(means, opacities))
-    assert np.flatnonzero(few.loose).tolist() == [930, 931]
-    assert np.flatnonzero(few.faint).tolist() == list(range(10))
+    assert np.flatnonzero(few.kinds["loose"]).tolist() == [930, 931]
+    assert np.flatnonzero(few.kinds["faint"]).tolist() == list(range(10))
     assert few.counts == {"crop": 0, "ground": 0, "regions": 0, "faint": 10, "loose": 2}
     # the largest cluster stays, however small the limit makes it
     assert select(EditList(floaters=Floaters(splats=10_000)), still(means)).removed.sum() < len(means)
