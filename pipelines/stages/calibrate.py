@@ -23,7 +23,6 @@ from pipelines.stages.known_cameras import (
     check_sizes,
     focal_lengths,
     known_cameras,
-    known_distance,
     named_file,
 )
 from pipelines.stages.params import Params, settings_affecting
@@ -267,7 +266,6 @@ def _solved(
         settings=section,
         threads=inputs.threads,
         seed=inputs.config.run.seed,
-        distance=known_distance(section, names),
         progress=progress,
     )
 
@@ -299,7 +297,6 @@ def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, Cali
         {name: footage.raw_size(name) for name in names},
         known=known,
         focal_lengths={} if known else focal_lengths(footage, footage.frames[0]),
-        distance=known_distance(section, names),
         settings=section,
         seed=inputs.config.run.seed,
         progress=reporter.part("solving", 0.2 if section.intrinsics_images else 0.0, 1.0),

@@ -1,8 +1,7 @@
-"""What is known about the cameras before calibration: earlier results, a distance, EXIF focal lengths."""
+"""What is known about the cameras before calibration: earlier results, EXIF focal lengths."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -63,24 +62,6 @@ def check_sizes(rig: Rig, footage: Footage, path: Path) -> None:
     with naming(path):
         for camera in rig:
             at_footage_size(camera, footage)
-
-
-def known_distance(section: CalibrateSettings, names: Sequence[str]) -> tuple[str, str, float] | None:
-    """calibrate.known_distance: two cameras and their distance in meters; None if not set."""
-    if section.known_distance is None:
-        return None
-    for name in section.known_distance[:2]:
-        if name not in names:
-            raise StudioError(
-                "settings.unknown_camera",
-                f"calibrate.known_distance: camera '{name}' not found in the footage",
-                value=name,
-                fix=f"Cameras of the footage: {', '.join(names)}.",
-                setting="calibrate.known_distance",
-                camera=name,
-                found=list(names),
-            )
-    return section.known_distance
 
 
 def focal_lengths(footage: Footage, frame: int) -> dict[str, float]:

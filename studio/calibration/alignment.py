@@ -115,9 +115,6 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
     """The scaling about the origin after which two cameras are `distance` apart. Raises StudioError."""
-    if not distance > 0:
-        problem = f"the distance between '{first}' and '{second}' is {distance}, expected more than 0"
-        raise StudioError("calibration.distance", problem, value=distance, setting="calibrate.known_distance")
     found = float(np.linalg.norm(rig[first].center - rig[second].center))
     if found < 1e-12:
         problem = f"cameras '{first}' and '{second}' are at the same position"

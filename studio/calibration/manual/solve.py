@@ -20,6 +20,7 @@ from studio.calibration.report import RejectedMark, TiePointReport
 from studio.calibration.result import CalibrationResult, reprojection_report
 from studio.calibration.settings import CalibrateSettings
 from studio.cameras import Camera, Rig
+from studio.capture import refuse_unknown_cameras
 from studio.errors import StudioError
 
 _GUESSES = (1.2, 0.9, 0.7, 1.6, 2.2)  # initial focal lengths of unknown lenses, as multiples of the longer image side
@@ -36,7 +37,6 @@ def calibrate_from_tie_points(
     *,
     known: Mapping[str, Camera] | None = None,
     focal_lengths: Mapping[str, float] | None = None,
-    distance: tuple[str, str, float] | None = None,
     settings: CalibrateSettings | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -48,12 +48,12 @@ def calibrate_from_tie_points(
         sizes: camera name to (width, height) of its images, for all cameras to calibrate.
         known: cameras with fixed intrinsics; their poses are not used.
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
-        distance: two camera names and the distance of their centers, used if no positions are measured.
         progress: called per attempt.
 
     Returns:
         cameras and triangulated points. With three measured positions that are not collinear, world coordinates are
-        those of the measurements; otherwise they are those of `alignment.upright`. The report contains `tie_points`,
+        those of the measurements; otherwise they are those of `alignment.upright`, with the scale of
+        `settings.known_distance`. The report contains `tie_points`,
         `left_out`, `uncertain`, `known_intrinsics` and `metric`.
 
     Raises:
@@ -63,6 +63,7 @@ def calibrate_from_tie_points(
             determined (tie_points.degenerate).
     """
     settings, known, focal_lengths = settings or CalibrateSettings(), known or {}, focal_lengths or {}
+    refuse_unknown_cameras((settings.known_distance or ())[:2], list(sizes), "calibrate.known_distance")
     observations = _observations(points, sizes)
     free = [name for name in sizes if name not in known]
     groups = _groups(free, sizes, settings.shared_intrinsics)
@@ -93,7 +94,7 @@ def calibrate_from_tie_points(
     progress(len(guesses) + 1, len(guesses) + 1)
     return _result(
         best,
-        distance,
+        settings.known_distance,
         sizes,
         left_out=left_out,
         known_intrinsics=[name for name in sizes if name in known],

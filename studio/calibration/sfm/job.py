@@ -11,7 +11,6 @@ from studio.calibration.report import SolutionReport
 from studio.calibration.settings import CalibrateSettings
 from studio.camera_files.colmap_model import camera_model, model_parameters
 from studio.cameras import Camera, Rig
-from studio.errors import StudioError
 from studio.json_types import JsonObject
 
 MAX_FEATURES = 8192  # per image
@@ -86,24 +85,12 @@ def sfm_job(
         poses: an earlier solution with all the cameras, or None.
 
     Raises:
-        StudioError: intrinsics_groups names a camera without images (calibration.intrinsics_groups), or known
-            intrinsics are for another image size (calibration.intrinsics_size).
+        StudioError: known intrinsics are for another image size (calibration.intrinsics_size).
     """
     intrinsics: list[SfmCamera] = []
     intrinsics_of: list[int] = []
     shared: dict[tuple[int, int, int], int] = {}
     groups = {name: index for index, group in enumerate(settings.intrinsics_groups) for name in group}
-    strange = [name for name in groups if name not in names]
-    if strange:
-        raise StudioError(
-            "calibration.intrinsics_groups",
-            f"camera '{strange[0]}' in intrinsics_groups was not found in the footage",
-            value=strange[0],
-            fix=f"The cameras are {', '.join(names)}.",
-            setting="calibrate.intrinsics_groups",
-            camera=strange[0],
-            expected=list(names),
-        )
     for name in names:
         width, height = sizes[name]
         key = (groups.get(name, -1), width, height)

@@ -15,6 +15,7 @@ from studio.calibration.sfm.child import run_reporting
 from studio.calibration.sfm.images import Pictures, write_pictures
 from studio.calibration.sfm.job import SfmSolution, sfm_job
 from studio.cameras import Camera, Rig
+from studio.capture import refuse_unknown_cameras
 from studio.errors import StudioError
 from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
@@ -43,7 +44,6 @@ def calibrate_from_images(
     settings: CalibrateSettings | None = None,
     threads: int = 0,
     seed: int = 0,
-    distance: tuple[str, str, float] | None = None,
     progress: ProgressFn = no_progress,
 ) -> CalibrationResult:
     """Estimate the cameras from images of one sync frame, or of several if the cameras do not move.
@@ -60,7 +60,6 @@ def calibrate_from_images(
             used for cameras that are not in `known`.
         focal_lengths: initial focal lengths in pixels, for example from EXIF.
         threads: number of threads, 0 = all cores. With one thread, the same seed gives bit-identical results.
-        distance: two camera names and the distance of their centers, to set the scale.
         progress: called several times per second; raising `Cancelled` stops COLMAP immediately.
 
     Returns:
@@ -68,9 +67,9 @@ def calibrate_from_images(
         up, the origin is the point that the cameras look at, and their mean distance from it is 1.
 
     Raises:
-        StudioError: there are too few images (calibration.too_few_images) or unusable ones (see `write_pictures`), no
-            solution (calibration.no_solution), or unregistered cameras (calibration.unregistered, with `unregistered`,
-            camera name to reason).
+        StudioError: there are too few images (calibration.too_few_images) or unusable ones (see `write_pictures`), a
+            setting names another camera (footage.unknown_camera), there is no solution (calibration.no_solution), or
+            cameras are not registered (calibration.unregistered, with `unregistered`, camera name to reason).
         Cancelled: from `progress`.
     """
     settings, workdir = settings or CalibrateSettings(), Path(workdir)
@@ -79,6 +78,9 @@ def calibrate_from_images(
     if len(names) < 2:
         problem = f"structure from motion needs images of at least 2 cameras, found {len(names)}"
         raise StudioError("calibration.too_few_images", problem, value=len(names), expected=2)
+    refuse_unknown_cameras((settings.known_distance or ())[:2], names, "calibrate.known_distance")
+    grouped = [name for group in settings.intrinsics_groups for name in group]
+    refuse_unknown_cameras(grouped, names, "calibrate.intrinsics_groups")
     for leftover in ("images", "masks", "models", "models_global", "models_known"):
         shutil.rmtree(workdir / leftover, ignore_errors=True)
     for leftover in ("solution.json", "points.npz"):
@@ -104,7 +106,7 @@ def calibrate_from_images(
 
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay)
     result = _read(workdir, names)
-    transform = _gauge(result, poses, distance, settings.known == "poses")
+    transform = _gauge(result, poses, settings)
     update: JsonObject = {"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
     if poses is not None:
         update["moved"] = _moved(result, poses, settings)
@@ -177,10 +179,10 @@ def _reason(features: int, best: int) -> str:
     return f"at most {best} matches with another camera, too few or not consistent with a pose"
 
 
-def _gauge(
-    result: CalibrationResult, poses: Rig | None, distance: tuple[str, str, float] | None, kept: bool
-) -> Similarity:
+def _gauge(result: CalibrationResult, poses: Rig | None, settings: CalibrateSettings) -> Similarity:
     if poses is not None:
-        return Similarity() if kept else align_rigs(result.rig, poses)
+        return Similarity() if settings.known == "poses" else align_rigs(result.rig, poses)
     transform = upright(result.rig, result.points)
-    return transform if distance is None else scale_to_distance(transform.rig(result.rig), *distance).after(transform)
+    if settings.known_distance is None:
+        return transform
+    return scale_to_distance(transform.rig(result.rig), *settings.known_distance).after(transform)

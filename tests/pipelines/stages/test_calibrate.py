@@ -10,7 +10,7 @@ from pipelines.config import Config
 from pipelines.runs.runner import status
 from pipelines.stages import calibrate
 from pipelines.stages.inputs import Inputs
-from pipelines.stages.known_cameras import focal_lengths, known_cameras, known_distance
+from pipelines.stages.known_cameras import focal_lengths, known_cameras
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
@@ -81,14 +81,6 @@ def test_a_camera_file_of_another_shape_is_told_by_calibrate(tmp_path: Path) -> 
         calibrated(88)
     assert calibrated(88, size_rule="crop")["a"].width == 88
     assert calibrated(80)["b"].width == 80
-
-
-def test_a_known_distance_is_that_of_cameras_of_the_footage() -> None:
-    assert known_distance(CalibrateSettings(), ("a", "b")) is None
-    section = CalibrateSettings(known_distance=("a", "b", 2.5))
-    assert known_distance(section, ("a", "b", "c")) == ("a", "b", 2.5)
-    with refuses("settings.unknown_camera", value="b", found=["a", "c"], setting="calibrate.known_distance"):
-        known_distance(section, ("a", "c"))
 
 
 def test_looking_at_the_room_needs_masks(tmp_path: Path) -> None:

@@ -111,7 +111,8 @@ def test_marks_that_are_mistakes_are_left_out_by_name() -> None:
 def test_a_known_distance_gives_the_scale() -> None:
     truth = ring(4)
     away = float(np.linalg.norm(truth["00"].center - truth["02"].center))
-    found = solve(marked(truth, 16), truth, distance=("00", "02", away))
+    settings = CalibrateSettings(known_distance=("00", "02", away))
+    found = solve(marked(truth, 16), truth, settings=settings)
     assert found.report.metric
     assert np.linalg.norm(found.rig["01"].center - found.rig["03"].center) == pytest.approx(
         np.linalg.norm(truth["01"].center - truth["03"].center), rel=0.005

@@ -164,9 +164,9 @@ def test_several_sync_frames_and_an_older_solution(scene: Scene, tmp_path: Path)
     first, second = truth.names[:2]
     with refuses("calibration.image_count", value=1, camera="view 1", expected=2):
         calibrate_from_images({first: [images[first]] * 2, second: [images[second]]}, workdir=tmp_path)
-    with refuses("calibration.intrinsics_groups", camera="nobody", setting="calibrate.intrinsics_groups"):
-        settings = CalibrateSettings(intrinsics_groups=((first, "nobody"),))
-        calibrate_from_images(images, workdir=tmp_path, settings=settings)
+    for setting, value in (("intrinsics_groups", [(first, "nobody")]), ("known_distance", (first, "nobody", 2))):
+        with refuses("footage.unknown_camera", value="nobody", setting=f"calibrate.{setting}"):
+            calibrate_from_images(images, workdir=tmp_path, settings=CalibrateSettings(**{setting: value}))
     for groups in (((first, second), (first, "view 2")), ((),)):
         with refuses_setting("intrinsics_groups"):
             CalibrateSettings(intrinsics_groups=groups)
