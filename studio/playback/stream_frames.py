@@ -110,8 +110,8 @@ class StreamFrames:
     def get(self, frame: int, after: int | None = None) -> PlayedFrame:
         """A frame, or the newest one before it that is ready and comes after frame `after`; waits until there is one.
 
-        Raises LeftOut: the frame's group is damaged. StudioError: no frame can be played, the server failed to deliver
-            two groups in a row, or `close` was called.
+        Raises LeftOut: it is damaged, and so are those before it. StudioError: no frame can be played, the server
+            failed to deliver two groups in a row, or `close` was called.
         """
         after = frame - 1 if after is None else after
         with self._changed:
@@ -122,9 +122,14 @@ class StreamFrames:
                 if held is not None:
                     return held
                 error = self._error(frame)
-                if error is not None:
+                if error is None:
+                    self._changed.wait()
+                elif frame == after + 1:
                     raise error
-                self._changed.wait()
+                else:
+                    frame -= 1
+                    self._wanted = frame, after
+                    self._changed.notify_all()
         raise StudioError("playback.closed", "the stream has been closed", file=self._reader.source.name)
 
     @property

@@ -25,6 +25,7 @@ def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
         with pytest.raises(LeftOut) as caught:
             frames.get(7)
         assert (caught.value.stop, [group.group for group in frames.skipped]) == (9, [1])
+        assert frames.get(7, 3).frame == 4  # the last one that can be played
         file.write_bytes(content)
         with pytest.raises(LeftOut):
             frames.get(6)
