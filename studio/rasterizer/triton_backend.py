@@ -1,8 +1,7 @@
 """The Triton backend: tile-wise blending on an NVIDIA GPU, in float32.
 
-Triton compiles the kernels of `triton_kernels.py` and `triton_project_kernels.py` when they are first used, with the
-assembler in its own package, in seconds. PyTorch's CUDA builds for Linux install it. It is imported only with this
-module.
+Triton compiles the kernels of `triton_kernels.py` when they are first used, with the assembler in its own package, in
+seconds. PyTorch's CUDA builds for Linux install it. It is imported only with this module.
 
 One call draws any number of views of the same splats, so that a training step with several views launches no more
 kernels than one with a single view. Binning is torch: splats are sorted by view and depth, then their pairs with tiles
@@ -25,8 +24,7 @@ from torch.autograd.function import once_differentiable
 
 from studio.cameras import Camera
 from studio.gaussians import Gaussians
-from studio.rasterizer.triton_kernels import COLUMNS, TILE, blend_tile, blend_tile_backward, sum_pairs
-from studio.rasterizer.triton_project_kernels import BLOCK, project_splats, project_splats_backward
+from studio.rasterizer import triton_kernels as kernels
 from studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits, mean_depth
 
 FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
@@ -48,15 +46,15 @@ class Views:
     frames: Tensor
 
     @classmethod
-    def of(cls, cameras: Sequence[Camera], tile: int, device: torch.device) -> Views:
-        """The views of cameras, with tiles of `tile` pixels."""
+    def of(cls, cameras: Sequence[Camera], device: torch.device) -> Views:
+        """The views of cameras."""
         numbers = np.zeros((len(cameras), 32), np.float32)
         integers = numbers.view(np.int32)
         tiles = pixels = 0
         for row, whole, one in zip(numbers, integers, cameras, strict=True):
             row[:9], row[9:12], row[12:15] = np.ravel(one.rotation), one.translation, one.center
             row[15:23] = one.fx, one.fy, one.cx, one.cy, *field_limits(one)
-            across, down = math.ceil(one.width / tile), math.ceil(one.height / tile)
+            across, down = math.ceil(one.width / kernels.TILE), math.ceil(one.height / kernels.TILE)
             whole[24:30] = tiles, one.width, one.height, across, down, pixels
             tiles, pixels = tiles + across * down, pixels + one.width * one.height
         frames = _uploaded(integers.tobytes(), device)
@@ -106,12 +104,12 @@ def project_all(gaussians: Gaussians, views: Views, offsets: Tensor | None) -> t
     """The outputs of `project_splats`: `table`, `half`, `boxes` and `keys`. Arguments as in `rasterize_triton`."""
     like, count = gaussians.means, len(gaussians)
     places = len(views.sizes) * count
-    table, half = like.new_empty((places, COLUMNS)), like.new_empty((places, 2))
+    table, half = like.new_empty((places, kernels.COLUMNS)), like.new_empty((places, 2))
     boxes = torch.empty((places, 4), dtype=torch.int32, device=like.device)
     keys = torch.empty(places, dtype=torch.int64, device=like.device)
     if count:
         with torch.cuda.device_of(like):
-            project_splats[(math.ceil(count / BLOCK), len(views.sizes))](
+            kernels.project_splats[(math.ceil(count / kernels.BLOCK), len(views.sizes))](
                 *(tensor for _, tensor in gaussians.items()),
                 table if offsets is None else offsets,  # not read without offsets
                 views.cameras, views.frames, table, half, boxes, keys, count, NEAR, gaussians.dilation,
@@ -138,7 +136,7 @@ class _Draw(torch.autograd.Function):
         depth, transmittance = image.new_empty(views.pixels), image.new_empty(views.pixels)
         last = torch.empty_like(depth, dtype=torch.int32)
         with torch.cuda.device_of(table):
-            blend_tile[(views.tiles,)](
+            kernels.blend_tile[(views.tiles,)](
                 table, tiles.owners, tiles.starts, views.frames, image, depth, transmittance, last,
                 len(views.sizes), ALPHA_MAX, num_warps=FORWARD_WARPS, enable_fp_fusion=True,
             )  # fmt: skip
@@ -160,19 +158,19 @@ class _Draw(torch.autograd.Function):
         d_offsets = means.new_empty((count, 2))
         if count:
             d_outputs = [gradient.contiguous() for gradient in gradients[:3]]
-            d_pairs = table.new_zeros((len(tiles.slots), COLUMNS))
+            d_pairs = table.new_zeros((len(tiles.slots), kernels.COLUMNS))
             d_table = torch.empty_like(table)
             ranks = torch.full((len(views.sizes) * count,), -1, dtype=torch.int32, device=table.device)
             ranks[index] = torch.arange(len(index), dtype=torch.int32, device=table.device)
             with torch.cuda.device_of(table):
-                blend_tile_backward[(views.tiles,)](
+                kernels.blend_tile_backward[(views.tiles,)](
                     table, tiles.owners, tiles.slots, tiles.starts, views.frames, transmittance, last,
                     *d_outputs, d_pairs, len(views.sizes), ALPHA_MAX,
                     num_warps=BACKWARD_WARPS, enable_fp_fusion=True,
                 )  # fmt: skip
                 if len(table):
-                    sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
-                project_splats_backward[(math.ceil(count / BLOCK),)](
+                    kernels.sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
+                kernels.project_splats_backward[(math.ceil(count / kernels.BLOCK),)](
                     *splats, views.cameras, ranks, d_table, *found, d_sh, d_offsets,
                     count, len(views.sizes), dilation,
                     COEFFICIENTS=coefficients, PADDED=1 << (coefficients - 1).bit_length(), COLORS=colors,
@@ -194,7 +192,7 @@ def rasterize_triton(
     """
     renders: list[Render] = []
     for first in range(0, len(cameras), _VIEWS_AT_ONCE):
-        views = Views.of(cameras[first : first + _VIEWS_AT_ONCE], TILE, gaussians.means.device)
+        views = Views.of(cameras[first : first + _VIEWS_AT_ONCE], gaussians.means.device)
         splats = (tensor for _, tensor in gaussians.items())
         drawn = _Draw.apply(views, gaussians.dilation, screen_offsets, *splats)
         renders += _pictures(views, backgrounds[first : first + _VIEWS_AT_ONCE], *drawn)

@@ -139,7 +139,7 @@ def test_pairs_are_those_of_boxes_that_overlap_a_tile() -> None:
     splats = make_splats(40, degree=0, log_scale=-1.5, spread=1.5).to(torch.float32)
     splats.means[3:6] = splats.means[2]  # equal depths
     cameras = [make_camera(50, 35, focal=30.0), make_camera(70, 20, focal=20.0, turn=1.0)]
-    views = Views.of(cameras, 16, torch.device("cpu"))
+    views = Views.of(cameras, torch.device("cpu"))
     table, half, boxes, keys = project_all(splats, views, None)
     index, tiles = bin_splats(boxes, keys, half, views.tiles)
 

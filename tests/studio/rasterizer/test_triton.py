@@ -22,7 +22,7 @@ def test_the_interpreted_kernels_against_the_reference() -> None:
 @needs_triton
 def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    from studio.rasterizer import triton_kernels, triton_project_kernels
+    from studio.rasterizer import triton_kernels
     from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS, PROJECT_WARPS
 
     types = {
@@ -31,8 +31,6 @@ def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.Monke
         **dict.fromkeys(("views", "count"), "i32"),
         **dict.fromkeys(("alpha_max", "near", "dilation"), "fp32"),
     }
-    warps = {"blend_tile": FORWARD_WARPS, "blend_tile_backward": BACKWARD_WARPS, "sum_pairs": 1}
-    compile_kernels(triton_kernels, types, warps, 80)
     variants = {
         "project_splats": [{"COEFFICIENTS": 16, "OFFSETS": True}],
         "project_splats_backward": [
@@ -40,7 +38,8 @@ def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.Monke
             {"COEFFICIENTS": 9, "PADDED": 16, "COLORS": True},
         ],
     }
-    compile_kernels(triton_project_kernels, types, dict.fromkeys(variants, PROJECT_WARPS), 80, variants)
+    warps = {"blend_tile": FORWARD_WARPS, "blend_tile_backward": BACKWARD_WARPS, "sum_pairs": 1}
+    compile_kernels(triton_kernels, types, {**warps, **dict.fromkeys(variants, PROJECT_WARPS)}, 80, variants)
 
 
 @pytest.mark.parametrize("installed", [True, False])
