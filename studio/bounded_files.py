@@ -55,7 +55,7 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = Fal
     except UnicodeDecodeError as error:
         raise TextError(f"not {error.encoding.upper()} text (byte {error.start})") from None
     except RecursionError:
-        raise _too_deep(bounds) from None
+        raise too_deep(bounds) from None
     except TextError:
         raise
     except ValueError:  # an integer of more than 4,300 digits
@@ -78,7 +78,7 @@ def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:
     try:
         values = tomllib.loads(text)
     except RecursionError:
-        raise _too_deep(bounds) from None
+        raise too_deep(bounds) from None
     except ValueError as error:  # TOMLDecodeError, or an integer of more than 4,300 digits
         raise TextError(str(error)[:200]) from None
     check_value(values, bounds)
@@ -102,7 +102,7 @@ def check_depth(text: str, bounds: Bounds = BOUNDS) -> None:
         run = match[0]
         depth = depth + len(run) if run[:1] in b"[{" else max(0, depth - len(run))
         if depth > 2 * bounds.depth:  # brackets in quotes and comments do not have to match
-            raise _too_deep(bounds)
+            raise too_deep(bounds)
 
 
 def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
@@ -113,7 +113,7 @@ def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
     def measure(item: Any, depth: int) -> tuple[int, int]:
         if id(item) not in known:
             if depth > bounds.depth:  # also ends a value that contains itself
-                raise _too_deep(bounds)
+                raise too_deep(bounds)
             values = levels = 0
             for child in item.values() if isinstance(item, dict) else item:
                 if isinstance(child, (dict, list)):
@@ -126,14 +126,15 @@ def check_value(value: Any, bounds: Bounds = BOUNDS) -> None:
             if values > bounds.values:
                 raise TextError(f"it has more than {bounds.values:,} values")
             if levels > bounds.depth:
-                raise _too_deep(bounds)
+                raise too_deep(bounds)
             known[id(item)] = values + 1, levels + 1
         return known[id(item)]
 
     measure([value], 0)
 
 
-def _too_deep(bounds: Bounds) -> TextError:
+def too_deep(bounds: Bounds) -> TextError:
+    """The error for a text with too many values inside of each other."""
     return TextError(f"nested more than {bounds.depth} levels deep")
 
 

@@ -15,18 +15,10 @@ from ruamel.yaml.constructor import ConstructorError, DuplicateKeyError, SafeCon
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.representer import SafeRepresenter
 
-from studio.bounded_files import Bounds, TextError, check_depth, check_text, check_value
+from studio.bounded_files import Bounds, TextError, check_depth, check_text, check_value, too_deep
 
 BOUNDS = Bounds(size=4 << 20, values=200_000)
 """Smaller than for JSON: a megabyte takes about 20 s to parse, and settings and points have kilobytes."""
-
-
-class YamlError(ValueError):
-    """Text that is not YAML: what is wrong, without the line, and the line, counted from 1; None if unknown."""
-
-    def __init__(self, problem: str, line: int | None) -> None:
-        super().__init__(problem if line is None else f"line {line}: {problem}")
-        self.problem, self.line = problem, line
 
 
 class _Constructor(SafeConstructor):
@@ -50,7 +42,7 @@ _Representer.add_representer(str, _Representer.represent_str)
 
 def parse_yaml(text: str, *, plain: bool = False) -> Any:
     """The value of a YAML document; None if it is empty. `plain`: leave every value as the text that it is, so that 01
-    does not become 1. YamlError if it is not YAML, or a mapping has a key twice."""
+    does not become 1. TextError if it is not YAML, or a mapping has a key twice."""
     return copy.deepcopy(_parsed(text, plain))
 
 
@@ -104,17 +96,15 @@ def _read(reader: YAML, text: str) -> Any:
         value = reader.load(text)
         check_value(value, BOUNDS)
         return value
-    except DuplicateKeyError as error:
-        key = re.search(r'duplicate key "(.*?)"', str(error.problem), re.DOTALL)
-        raise YamlError(f"duplicate key '{key[1] if key else ''}'", error.problem_mark.line + 1) from None
-    except TextError as error:
-        raise YamlError(str(error), None) from None
     except RecursionError:
-        raise YamlError(f"nested more than {BOUNDS.depth} levels deep", None) from None
+        raise too_deep(BOUNDS) from None
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not valid YAML"
-        raise YamlError(problem, None if mark is None else mark.line + 1) from None
+        if isinstance(error, DuplicateKeyError):  # which also quotes both values
+            problem = re.sub(r'^found (duplicate key) "(.*?)".*', r"\1 '\2'", str(problem), flags=re.DOTALL)
+        line = None if mark is None else mark.line + 1
+        raise TextError(problem if line is None else f"line {line}: {problem}", line) from None
 
 
 def _written(writer: YAML, value: Any) -> str:

@@ -9,12 +9,12 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from pipelines.config.config import Config
-from studio.bounded_files import need_utf8, read_bounded_text
+from studio.bounded_files import TextError, need_utf8, read_bounded_text
 from studio.errors import StudioError, reason_of
 from studio.json_types import JsonObject
 from studio.settings import COMMAND_LINE, OVERRIDES, field_named, is_list_of_text, nearest_sentence, refused
 from studio.storage import is_address
-from studio.yaml_text import YamlError, dump_yaml, parse_yaml
+from studio.yaml_text import dump_yaml, parse_yaml
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -33,7 +33,7 @@ def parse_override(text: str) -> tuple[str, Any]:
         if parsed is not None and is_list_of_text(field):
             return name, parse_yaml(value, plain=True)
         return name, parsed if not text_only or parsed is None or isinstance(parsed, str) else value.strip()
-    except YamlError:
+    except TextError:
         if text_only:
             return name, value.strip()
         problem = f"the value of {name}, '{value}', is not valid YAML"
@@ -93,7 +93,7 @@ def read_yaml(path: Path) -> JsonObject:
         raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=fix) from None
     try:
         values, plain = parse_yaml(text), parse_yaml(text, plain=True)
-    except YamlError as error:
+    except TextError as error:
         fix = _quotes(text, error.line)
         raise StudioError("settings.not_yaml", str(error), file=path, fix=fix, line=error.line) from None
     if values is None:

@@ -9,9 +9,9 @@ from typing import Any
 from pipelines.config.config import Config, values_of
 from pipelines.config.loading import dump_config, load_config, read_yaml
 from pipelines.takes.atomic_files import write_text
-from studio.bounded_files import read_bounded_text
+from studio.bounded_files import TextError, read_bounded_text
 from studio.errors import StudioError, reason_of
-from studio.yaml_text import YamlError, dump_with_comments, parse_with_comments, parse_yaml
+from studio.yaml_text import dump_with_comments, parse_with_comments, parse_yaml
 
 _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 
@@ -69,7 +69,7 @@ def _parse(text: str, path: Path) -> Any:
     try:
         parse_yaml(text)  # refuses what contains itself, which the tree would silently leave out
         tree = parse_with_comments(text)
-    except YamlError as error:
+    except TextError as error:
         raise StudioError("settings.not_yaml", str(error), file=path, fix=_FIX, line=error.line) from None
     if tree is None:
         return CommentedMap()

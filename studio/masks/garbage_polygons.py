@@ -18,9 +18,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from studio.atomic_files import write_text
-from studio.bounded_files import read_bounded
+from studio.bounded_files import TextError, read_bounded
 from studio.errors import StudioError, first_violation
-from studio.yaml_text import YamlError, dump_yaml, parse_yaml
+from studio.yaml_text import dump_yaml, parse_yaml
 
 EXTENSIONS = (".yaml", ".yml", ".json")  # of files with polygons; garbage masks with other extensions are images
 _BITS = 4  # of a pixel's fraction, for OpenCV
@@ -80,7 +80,7 @@ def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
         problem = f"{what} cannot be read ({error.strerror})"
     except UnicodeDecodeError:
         problem = f"{what} is not text"
-    except YamlError as error:
+    except TextError as error:
         problem = f"{what} is not valid YAML ({error})"
     except ValidationError as error:
         problem = first_violation(error, what)[1]

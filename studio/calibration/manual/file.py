@@ -18,11 +18,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from studio.bounded_files import read_bounded
+from studio.bounded_files import TextError, read_bounded
 from studio.camera_files.common import write_atomic
 from studio.errors import StudioError, first_violation
 from studio.json_types import JsonObject
-from studio.yaml_text import YamlError, dump_yaml, parse_yaml
+from studio.yaml_text import dump_yaml, parse_yaml
 
 _OR_NULL = BeforeValidator(lambda value: None if value in ("", "null") else value)
 
@@ -68,7 +68,7 @@ def read_tie_points(path: Path | str) -> tuple[TiePoint, ...]:
         raise StudioError("tie_points.unreadable", f"cannot be read ({error.strerror})", file=path, fix=fix) from None
     except UnicodeDecodeError:
         raise StudioError("tie_points.syntax", "is not text in UTF-8", file=path, fix=fix) from None
-    except YamlError as error:
+    except TextError as error:
         raise StudioError("tie_points.syntax", f"invalid YAML ({error})", file=path, fix=fix, line=error.line) from None
     except ValidationError as error:
         key, problem = first_violation(error)
