@@ -35,7 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
     for line in (
         "gpu: needs a CUDA device; skipped if there is none",
         "long: one of its tests takes longer than most files; these files start first, so that none is left at the end",
-        "slow: takes more than a few seconds: runs of the pipeline, training, windows, COLMAP",
+        "slow: takes more than a few seconds: runs of the pipeline, training, windows, browsers, COLMAP",
         "window: drives the real window on a private X server",
         "colmap: runs structure from motion with COLMAP",
     ):
@@ -54,7 +54,7 @@ def pytest_collection() -> Iterator[None]:
 
 
 WINDOW_FIXTURES = {"window", "open_window", "display", "x_server"}
-PIPELINE_FIXTURES = {"finished", "project", "long_footage"}
+SLOW_FIXTURES = {"finished", "project", "long_footage", "browser"}
 COLMAP_FOLDER = Path("tests/studio/calibration/sfm")
 WINDOW_TIMEOUT = 600
 """Seconds; other tests have the timeout in pyproject.toml."""
@@ -71,7 +71,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
             if item.get_closest_marker("timeout") is None:
                 item.add_marker(pytest.mark.timeout(WINDOW_TIMEOUT))
-        if fixtures & PIPELINE_FIXTURES:
+        if fixtures & SLOW_FIXTURES:
             item.add_marker("slow")
         if item.path.is_relative_to(config.rootpath / COLMAP_FOLDER):
             item.add_marker("colmap")
