@@ -1,9 +1,6 @@
-"""What lies over the panels: the start page and the notice. Keeps them up to date and gives them their keys."""
-
-from open3d.visualization import gui
+"""What lies over the panels: the start page and the notice. Keeps them up to date."""
 
 from gui.actions.commands import Actions
-from gui.actions.search import opens_list
 from gui.drawing.canvas import shortened
 from gui.drawing.palette import TEXT
 from gui.models.take.log_words import stage_name
@@ -20,7 +17,7 @@ MORE = "... (the log has the rest, J)"
 
 
 class Overlays:
-    """See the module. `actions`: what keys do."""
+    """See the module. `actions`: have the start page."""
 
     def __init__(self, window: Shell, actions: Actions) -> None:
         self._window, self._actions = window, actions
@@ -77,47 +74,6 @@ class Overlays:
             status.text_color = color(TEXT)
             window.window.set_needs_layout()
         return changed
-
-    def key(self, event: gui.KeyEvent, control: bool, shift: bool, again: bool) -> bool:
-        """Handle a key that is pressed while no dialog is open; returns whether it was for one of them."""
-        window, actions, key = self._window, self._actions, gui.KeyName
-        if again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
-            return window.start.shown or event.key == key.H
-        if control and event.key == key.C and window.notices.card is not None:
-            window.notice_bar.copy()
-            return True
-        if control and event.key == key.C and not window.start.shown and self._copy_table():
-            return True
-        if control and event.key == key.O and window.notices.card is not None:
-            window.notice_bar.open_folder()
-            return True
-        if window.start.shown:
-            if control:
-                if opens_list(event, shift):
-                    return False
-                if event.key == key.V:
-                    actions.start.paste()
-                return True
-            if event.key in (key.H, key.Q, key.QUESTION_MARK, key.SLASH):
-                return False
-            window.start.key(event, shift)
-            return True
-        return False
-
-    def _copy_table(self) -> bool:
-        """Copy the table in the view; returns whether there is one."""
-        window, view = self._window, self._window.views.stage_view
-        if view is None or not view.table_text:
-            return False
-        if window.notice_bar.copied(view.table_text):
-            window.notices.show("Copied the table.")
-        return True
-
-    def escape(self) -> bool:
-        """Handle Escape; returns whether something was closed."""
-        if self._window.notices.dismiss():
-            return True
-        return self._window.start.shown and self._actions.start.hide()
 
 
 def run_words(stage: str, fraction: float | None) -> str:

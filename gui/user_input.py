@@ -6,8 +6,8 @@ from open3d.visualization import gui
 
 from gui.actions.commands import Actions
 from gui.actions.menus import Item
+from gui.actions.search import opens_list
 from gui.models.loop import LOOP
-from gui.overlays import Overlays
 from gui.platform.menu_bar import MenuBar
 from gui.platform.presses import key_code, typed_code
 from gui.shell import Shell
@@ -15,10 +15,10 @@ from gui.widgets.picture import holds
 
 
 class UserInput:
-    """See the module. `overlays`: get their keys first. `menu_bar`: follows the mouse."""
+    """See the module. `menu_bar`: follows the mouse."""
 
-    def __init__(self, window: Shell, actions: Actions, overlays: Overlays, menu_bar: MenuBar) -> None:
-        self._window, self._actions, self._overlays, self._menu_bar = window, actions, overlays, menu_bar
+    def __init__(self, window: Shell, actions: Actions, menu_bar: MenuBar) -> None:
+        self._window, self._actions, self._menu_bar = window, actions, menu_bar
         self.buttons = 0
         self._pointer: tuple[int, int] | None = None
         window.input.wanted = self._pointed
@@ -77,7 +77,7 @@ class UserInput:
     def _act(self, event: gui.KeyEvent) -> bool:
         """Do what a pressed key stands for; returns whether it stands for something."""
         chords = self._window.chords
-        if not self._overlays.key(event, chords.control, chords.shift, chords.again):
+        if not self._over_panels(event):
             if chords.control:
                 action = None if chords.again else self._actions.for_chord(event, chords.shift)
             else:
@@ -88,6 +88,38 @@ class UserInput:
         self._window.changed()
         return True
 
+    def _over_panels(self, event: gui.KeyEvent) -> bool:
+        """Handle a key for the notice, the table in the view or the start page; returns whether it was for one."""
+        window, chords, key = self._window, self._window.chords, gui.KeyName
+        on_start, control, card = window.start.shown, chords.control, window.notices.card
+        if chords.again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
+            return on_start or event.key == key.H
+        if control and event.key == key.C and card is not None:
+            window.notice_bar.copy()
+        elif control and event.key == key.O and card is not None:
+            window.notice_bar.open_folder()
+        elif control and event.key == key.C and not on_start:
+            return self._copy_table()
+        elif not on_start or (control and opens_list(event, chords.shift)):
+            return False
+        elif control:
+            if event.key == key.V:
+                self._actions.start.paste()
+        elif event.key in (key.H, key.Q, key.QUESTION_MARK, key.SLASH):
+            return False
+        else:
+            window.start.key(event, chords.shift)
+        return True
+
+    def _copy_table(self) -> bool:
+        """Copy the table in the view; returns whether there is one."""
+        window, view = self._window, self._window.views.stage_view
+        if view is None or not view.table_text:
+            return False
+        if window.notice_bar.copied(view.table_text):
+            window.notices.show("Copied the table.")
+        return True
+
     def _escape(self) -> None:
         window = self._window
         if window.dialogs.name or window.dialogs.expected:
@@ -96,7 +128,8 @@ class UserInput:
             self._menu_bar.closed()
             window.dialogs.close_menu()
         elif not (
-            self._overlays.escape()
+            window.notices.dismiss()
+            or (window.start.shown and self._actions.start.hide())
             or window.camera_menu.close()
             or window.layout.close_log()
             or window.views.leave_camera()

@@ -71,7 +71,7 @@ class MainWindow(Shell):
         self.actions = Actions(self)
         self.places = Opening(self, self._opening_ended)
         self._build()
-        self._user = UserInput(self, self.actions, self.overlays, MenuBar(self.em, menus.boxes(MENUS, self.em)))
+        self._user = UserInput(self, self.actions, MenuBar(self.em, menus.boxes(MENUS, self.em)))
         self._quality = QualityFigures(self)
         self.layout.left = self.preferences.panel_width
         self.window.set_on_layout(self.layout.place)

@@ -19,6 +19,7 @@ import numpy as np
 from gui.drawing.compare import difference, heat
 from gui.models.scene.compose import draw
 from gui.models.take.workspace import Workspace
+from gui.models.worker import close_all
 from gui.pages.calibrate.view import CalibrateView
 from gui.pages.initialize import InitializeView
 from pipelines.config import load_config
@@ -114,8 +115,8 @@ def stage_picture(take: Path, kind: type[CalibrateView | InitializeView], frame:
     try:
         pixels = view.draw(SIZE, view.state())
     finally:
-        view.close()
-        workspace.close()
+        close_all()
+        view.forget()
     return np.asarray(pixels)
 
 
