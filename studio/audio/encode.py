@@ -27,46 +27,29 @@ class SoundEncoder:
         stream.codec_context.options = {"flags": "+bitexact"}  # without the encoder's version
         stream.codec_context.thread_count = 1
         self._stream = stream
-        self._fifo = av.AudioFifo()
-        self._size = 1024  # samples of an AAC-LC frame
-        self._done = 0
+        self.done = 0  # samples
 
     def add(self, samples: np.ndarray) -> None:
         """Encode the next samples, (n, channels) float32; values beyond -1 to 1 are clipped."""
         planar = np.ascontiguousarray(np.clip(samples, -1, 1).T, dtype=np.float32)
         frame = self._av.AudioFrame.from_ndarray(planar, format="fltp", layout=self._layout)
-        frame.sample_rate, frame.time_base, frame.pts = self._rate, Fraction(1, self._rate), self._done
-        self._done += len(samples)
-        self._fifo.write(frame)
-        self._encode(partial=False)
+        frame.sample_rate, frame.time_base, frame.pts = self._rate, Fraction(1, self._rate), self.done
+        self.done += len(samples)
+        self._out.mux(self._stream.encode(frame))
 
     def close(self) -> None:
         """Encode what is left; the container stays open."""
-        self._encode(partial=True)
-        self._mux(self._stream.encode(None))
-
-    def _encode(self, partial: bool) -> None:
-        while True:
-            part = self._fifo.read(self._size, partial)
-            if part is None:
-                return
-            self._mux(self._stream.encode(part))
-
-    def _mux(self, packets: Iterable[Any]) -> None:
-        for packet in packets:
-            self._out.mux(packet)
+        self._out.mux(self._stream.encode(None))
 
 
 def encode_sound(blocks: Iterable[np.ndarray], path: str, sample_rate: int, channels: int) -> int:
     """Write a sound, blocks of (n, channels) float32, as an MP4 of one AAC-LC track; returns the number of samples."""
     import av
 
-    count = 0
     options = {"fflags": "+bitexact", "movflags": "+faststart"}
     with av.open(path, "w", format="mp4", options=options) as container:
         encoder = SoundEncoder(container, sample_rate, channels)
         for block in blocks:
             encoder.add(block)
-            count += len(block)
         encoder.close()
-    return count
+    return encoder.done
