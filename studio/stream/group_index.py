@@ -7,7 +7,7 @@ from itertools import accumulate
 
 from studio.errors import StudioError
 from studio.memory_cache import MemoryCache
-from studio.stream.manifest import MANIFEST_NAME, FileEntry, GroupEntry, Manifest, PageEntry
+from studio.stream.manifest import FileEntry, GroupEntry, Manifest, PageEntry
 from studio.stream.manifest_file import parse_page
 from studio.stream.sources.source import Source
 
@@ -62,14 +62,3 @@ class GroupIndex:
         with self._reading():
             data = self._source.read(page.path, page.bytes)
             return parse_page(data, page, self.manifest, first, self.starts[first], name)
-
-    def rendition_number(self, rendition: str | None) -> int:
-        """Position of a rendition by id; None is the best. Raises StudioError if there is none with this id."""
-        ids = [one.id for one in self.manifest.renditions]
-        if rendition is None:
-            return 0
-        if rendition not in ids:
-            problem = f"no rendition {rendition!r}; the stream has {', '.join(ids)}"
-            file, fix = f"{self._source.name}/{MANIFEST_NAME}", "Choose one of them."
-            raise StudioError("stream.no_such_rendition", problem, file=file, value=rendition, fix=fix, renditions=ids)
-        return ids.index(rendition)

@@ -609,9 +609,9 @@ class Manifest(Model):
         """Seconds."""
         return self.frame_count / self.fps
 
-    def played_bytes(self, rendition: int = 0) -> int:
-        """Bytes that playing a rendition takes, by its position: its files, the pages, the sound and the manifest."""
-        own = self.renditions[rendition].bytes + sum(file.bytes for file in self.fixed_files)
+    def played_bytes(self) -> int:
+        """Bytes that playing the best rendition takes: its files, the pages, the sound and the manifest."""
+        own = self.renditions[0].bytes + sum(file.bytes for file in self.fixed_files)
         return own + len(self.to_bytes())
 
 

@@ -59,12 +59,11 @@ class StreamReader:
     another manifest may have replaced it.
     """
 
-    def __init__(self, source: Source, data: bytes, rendition: str | None = None) -> None:
+    def __init__(self, source: Source, data: bytes) -> None:
         self.source = source
         self._manifest_name = f"{source.name}/{MANIFEST_NAME}"
         self.index = self._indexed(data)
         self.manifest_bytes = data
-        self._rendition = self.index.rendition_number(rendition)
         self._threads = os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="decode")
         self._lock = threading.Lock()
@@ -73,13 +72,13 @@ class StreamReader:
         self._owns_source = False
 
     @classmethod
-    def open(cls, source: Path | str | Source, rendition: str | None = None) -> StreamReader:
+    def open(cls, source: Path | str | Source) -> StreamReader:
         """Read and validate the manifest of a stream: folder, file of a one-file stream, http(s) URL, or a `Source`
-        (which `close` leaves open). `rendition`: id of the one to read; None: the best. StudioError: the manifest is
-        missing, damaged, out of bounds or of another version; no such rendition."""
+        (which `close` leaves open). StudioError: the manifest is missing, damaged, out of bounds or of another
+        version."""
         opened = open_source(source)
         try:
-            reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES), rendition)
+            reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES))
         except BaseException:
             if opened is not source:
                 opened.close()
@@ -97,13 +96,13 @@ class StreamReader:
 
     @property
     def groups(self) -> Sequence[Rendition]:
-        """All groups in the chosen rendition; an item may be read from the source, with the errors of `group`."""
+        """All groups in the best rendition; an item may be read from the source, with the errors of `group`."""
         return OnDemand(range(len(self.index)), self.group)
 
     @property
     def played_bytes(self) -> int:
-        """Bytes that playing the chosen rendition takes: its files, the pages, the sound and the manifest."""
-        return self.manifest.played_bytes(self._rendition)
+        """Bytes that playing the best rendition takes, see `Manifest`."""
+        return self.manifest.played_bytes()
 
     @property
     def live(self) -> bool:
@@ -175,11 +174,11 @@ class StreamReader:
         return tuple({file.path: file for file in (*sound, *groups)}.values())
 
     def group(self, number: int) -> Rendition:
-        """Group `number` in the chosen rendition. StudioError if its page of the index is missing or damaged."""
-        return self.index.group(number).renditions[self._rendition]
+        """Group `number` in the best rendition. StudioError if its page of the index is missing or damaged."""
+        return self.index.group(number).renditions[0]
 
     def group_of(self, frame: int) -> Rendition:
-        """The group that contains a frame, in the chosen rendition; reads the page of that group alone. StudioError if
+        """The group that contains a frame, in the best rendition; reads the page of that group alone. StudioError if
         there is no such frame, or the page is missing or damaged."""
         return self.group(self.index.group_of(frame))
 

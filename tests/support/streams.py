@@ -50,6 +50,13 @@ def bake_numbered(
     return folder
 
 
+def only(reader: StreamReader, rendition: str) -> StreamReader:
+    """Let a reader read a rendition other than the best, by id."""
+    number = [one.id for one in reader.manifest.renditions].index(rendition)
+    setattr(reader, "group", lambda group: reader.index.group(group).renditions[number])  # noqa: B010
+    return reader
+
+
 def edit_manifest(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
     """Change the manifest's JSON, then update its size and checksum."""
     path = folder / "manifest.json"

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.models.playback.stream_source import StreamSource, frame_cache
+from gui.models.playback.stream_source import CACHE_BYTES, StreamSource
 from pipelines.config import load_config
 from pipelines.share.cast import is_cast
 from pipelines.share.cast_frames import CastFrames
@@ -24,8 +24,10 @@ from studio.cameras import Camera, Rig
 from studio.edits.edit_list import EditList, Trim
 from studio.errors import StudioError
 from studio.gaussians import Gaussians
+from studio.memory_cache import MemoryCache
 from studio.own_frame import in_own_frame
 from studio.playback import LeftOut
+from studio.playback.stream_frames import bytes_of
 from studio.stream import is_address
 
 REACH_FRAMES = 6  # number of trained frames from which `TrainedSource.reach` is known
@@ -99,7 +101,7 @@ class TrainedSource:
             EditedGroup(take, group, edits if self._files.keys() >= set(group.indices) else EditList())
             for group in groups
         ]
-        self._cache = frame_cache()
+        self._cache: MemoryCache[int, Gaussians] = MemoryCache(CACHE_BYTES, bytes_of, least=1)
 
     def gaussians(self, frame: int) -> Gaussians:
         if frame not in self._files:

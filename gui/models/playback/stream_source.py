@@ -10,18 +10,11 @@ from pipelines.takes.videos import capture_place
 from studio.coverage import ViewRange
 from studio.formats.rigid_motion import placed
 from studio.gaussians import Gaussians
-from studio.memory_cache import MemoryCache
 from studio.playback import LeftOut, SkippedGroup, StreamFrames
-from studio.playback.stream_frames import AHEAD, bytes_of
 from studio.similarity import Similarity
 from studio.stream import StreamMetadata, StreamReader, StreamSound
 
-CACHE_BYTES = 512 * 1024 * 1024
-
-
-def frame_cache() -> MemoryCache[int, Gaussians]:
-    """The most recently used frames, up to `CACHE_BYTES`, but always a few."""
-    return MemoryCache(CACHE_BYTES, bytes_of, least=AHEAD + 2)
+CACHE_BYTES = 512 * 1024 * 1024  # of frames that are kept
 
 
 class StreamSource:

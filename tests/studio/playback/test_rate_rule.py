@@ -113,6 +113,6 @@ def test_the_rule_hears_of_network_and_decoder(switching, monkeypatch):
     monkeypatch.setattr(FolderSource, "parallel", 2)
     play_headless(folder)
     with StreamReader.open(folder) as reader:
-        smallest = reader.index.rendition_number(min(reader.manifest.renditions, key=lambda one: one.bandwidth).id)
+        smallest = min(range(3), key=lambda number: reader.manifest.renditions[number].bandwidth)
         assert fetched == [reader.index.group(number).renditions[smallest].bytes for number in range(15)]
     assert shown == [(smallest, 1, 0)] * 60

@@ -12,7 +12,7 @@ from studio.stream.sidefile import deflate
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
-from tests.support.streams import best_of, damage, edit_manifest, group_files, put_file, set_at
+from tests.support.streams import best_of, damage, edit_manifest, group_files, only, put_file, set_at
 
 FIRST = ("groups", 0, "renditions", 0)
 
@@ -111,7 +111,7 @@ def test_a_decoder_that_is_not_exact_is_found(copy_of):
         reader.gaussians(0)
         with refuses("stream.wrong_luma", picture=1):
             reader.gaussians(1)
-    with StreamReader.open(stream, rendition="qp34") as reader:
+    with only(StreamReader.open(stream), "qp34") as reader:
         assert len(list(reader.iterate(0, 3))) == 3
 
 

@@ -15,7 +15,7 @@ from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.sources.source import FolderSource
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
-from tests.support.streams import best_of, contents
+from tests.support.streams import best_of, contents, only
 
 
 def manifest_of(folder):
@@ -35,7 +35,7 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
         assert not check_stream(reader).damage
     frames = {}
     for one in ("qp24", "qp34", "qp34-splats50-sh0"):
-        with StreamReader.open(folder, rendition=one) as reader:
+        with only(StreamReader.open(folder), one) as reader:
             frames[one] = list(reader.iterate())
     assert [len(found) for found in frames.values()] == [7, 7, 7]
     for fine, coarse, phone in zip(*frames.values(), strict=True):
@@ -122,12 +122,6 @@ def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path):
     assert level(slow) < level(fast)
     at = slow.index(b"colr")
     assert slow[at + 4 : at + 15] == b"nclx" + bytes([0, 1, 0, 1, 0, 1, 0x80])
-
-
-def test_unknown_renditions(make_ladder):
-    folder = make_ladder((2,))
-    with refuses("stream.no_such_rendition", value="qp99"):
-        StreamReader.open(folder, rendition="qp99")
 
 
 def test_a_long_stream_starts_without_its_pages(make_ladder, monkeypatch):

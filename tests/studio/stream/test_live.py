@@ -6,7 +6,7 @@ import torch
 from studio.stream import BakeSettings, Rung, StreamReader, check_stream
 from studio.stream.encode import write_manifest as manifest_writer
 from tests.support.errors import refuses
-from tests.support.streams import bake_numbered
+from tests.support.streams import bake_numbered, only
 
 LADDER = (Rung(qp=24), Rung(qp=34))
 
@@ -25,7 +25,7 @@ def publish(tmp_path):
 def test_a_reader_follows(publish, monkeypatch):
     folder = publish(1)
     monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # later groups are in pages
-    with StreamReader.open(folder, rendition="qp34") as reader:
+    with only(StreamReader.open(folder), "qp34") as reader:
         assert reader.live
         first = reader.gaussians(1)
         assert reader.refresh() == 0

@@ -19,6 +19,7 @@ from studio.stream.encode import write_manifest as manifest_writer
 from studio.stream.write_archive import write_archive
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.performer import covariances
+from tests.support.streams import only
 
 ROOT = Path(__file__).parents[3]
 DOCUMENT = ROOT / "docs" / "STREAM.md"
@@ -101,7 +102,7 @@ def test_it_agrees_on_every_frame(tmp_path, monkeypatch, settings, packed):
     names = [rendition["id"] for rendition in manifest["renditions"]]
     assert len(theirs) == 10 * len(names)
     for name in names:
-        with StreamReader.open(folder, rendition=name) as reader:
+        with only(StreamReader.open(folder), name) as reader:
             for index, frame in enumerate(reader.iterate()):
                 values = theirs[name, index]
                 for what, ours, columns, tolerance in (
