@@ -2,7 +2,7 @@
 
 import importlib.util
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,15 @@ KINDS: dict[ModelKind, Kind] = {  # as in the code that the models' authors publ
 }
 
 
+@dataclass(frozen=True)
+class _Loaded:
+    """A model that is ready. `fixed`: (height, width) of its input, None where it is dynamic; `run`: all outputs for a
+    (1, 3, H, W) float32 image."""
+
+    fixed: tuple[int | None, int | None]
+    run: Callable[[np.ndarray], Sequence[np.ndarray]]
+
+
 class MattingModel:
     """A matting model, an ONNX or TensorFlow Lite file that is loaded with the first image. Thread safe. `device`:
     "cpu", "cuda", "cuda:1", or "auto", CUDA if onnxruntime supports it; `threads`: of the CPU, 0: all cores.
@@ -63,7 +72,7 @@ class MattingModel:
             fix = "Run: pip install onnxruntime (with an NVIDIA GPU: pip install onnxruntime-gpu)."
             raise StudioError("mask.runtime_missing", problem, file=path, fix=fix, package="onnxruntime")
         self.path = whole_files(self.files())[0]
-        self._loaded: _Loaded | _LoadedLite | None = None
+        self._loaded: _Loaded | None = None
         self._lock = threading.Lock()
 
     def files(self) -> list[Path]:
@@ -76,13 +85,32 @@ class MattingModel:
         import cv2
 
         with self._lock:
-            if self._loaded is None:
-                lite, side = self._lite, self.kind.side
-                self._loaded = _LoadedLite(self.path, side) if lite else _Loaded(self.path, self.device, self.threads)
+            self._loaded = self._loaded or self._load()
         height, width = image.shape[:2]
         size = input_size(self.kind.side, self._loaded.fixed, width, height)
-        mask = self._mask_of(self._loaded.run(preprocess(image, size, self.kind)))
-        return cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR)
+        given = preprocess(image, size, self.kind)
+        try:
+            outputs = self._loaded.run(given)
+        except Exception as error:  # onnxruntime's errors have no common base class
+            problem = f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})"
+            fix, setting = "Check the kind in capture.mask_model.", "capture.mask_model"
+            raise StudioError(
+                "mask.model_failed", problem, file=self.path, value=size, fix=fix, setting=setting
+            ) from None
+        return cv2.resize(self._mask_of(outputs), (width, height), interpolation=cv2.INTER_LINEAR)
+
+    def _load(self) -> _Loaded:
+        try:
+            if self._lite:
+                return _load_lite(self.path, self.kind.side)
+            return _load_onnx(self.path, self.device, self.threads)
+        except StudioError:
+            raise
+        except Exception as error:  # as above
+            problem, fix = f"cannot load the matting model ({_first_line(error)})", "Replace the file."
+            raise StudioError(
+                "mask.model_unloadable", problem, file=self.path, fix=fix, setting="capture.mask_model"
+            ) from None
 
     def _mask_of(self, outputs: Sequence[np.ndarray]) -> np.ndarray:
         shaped = [one for one in outputs if one.ndim >= 2 and one.size == one.shape[-1] * one.shape[-2]]
@@ -104,82 +132,55 @@ class MattingModel:
         return mask
 
 
-class _LoadedLite:
+def _load_lite(path: Path, side: int) -> _Loaded:
     """A TensorFlow Lite model with inputs of `side` x `side` pixels."""
+    import cv2
 
-    def __init__(self, path: Path, side: int) -> None:
-        import cv2
+    net, lock = cv2.dnn.readNetFromTFLite(str(path)), threading.Lock()
 
-        self.fixed = (side, side)
-        self._path, self._lock = path, threading.Lock()
-        try:
-            self._net = cv2.dnn.readNetFromTFLite(str(path))
-        except cv2.error as error:
-            raise _unloadable(path, error) from None
+    def run(image: np.ndarray) -> list[np.ndarray]:
+        with lock:
+            net.setInput(image)
+            return [np.array(one) for one in net.forward(net.getUnconnectedOutLayersNames())]
 
-    def run(self, image: np.ndarray) -> list[np.ndarray]:
-        """As in `_Loaded`."""
-        import cv2
-
-        with self._lock:
-            self._net.setInput(image)
-            try:
-                return [np.array(one) for one in self._net.forward(self._net.getUnconnectedOutLayersNames())]
-            except cv2.error as error:
-                raise _failed(self._path, image, error) from None
+    return _Loaded((side, side), run)
 
 
-class _Loaded:
-    """An onnxruntime session. `fixed`: (height, width) of the model's input, None where it is dynamic."""
+def _load_onnx(path: Path, device: str, threads: int) -> _Loaded:
+    """An onnxruntime session."""
+    import onnxruntime
 
-    def __init__(self, path: Path, device: str, threads: int) -> None:
-        import onnxruntime
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # no warnings: errors are raised, and warnings only concern the optimizer
+    options.intra_op_num_threads = threads
+    chosen = providers(device, onnxruntime.get_available_providers())
+    session: Any = onnxruntime.InferenceSession(str(path), options, providers=chosen)
+    if device.startswith("cuda") and session.get_providers()[0] == "CPUExecutionProvider":
+        problem = f"run.device is {device}, but onnxruntime cannot initialize CUDA for the matting model"
+        fix = (
+            "Install the CUDA and cuDNN versions that your onnxruntime-gpu requires, or set run.device to auto or cpu."
+        )
+        raise StudioError("mask.no_cuda", problem, file=path, value=device, fix=fix, setting="run.device")
+    inputs = session.get_inputs()
+    if len(inputs) != 1:
+        names = tuple(one.name for one in inputs)
+        problem = f"the matting model has {len(inputs)} inputs ({', '.join(names)}); expected a single RGB image"
+        fix = "Recurrent models and models that need a trimap are not supported."
+        raise StudioError("mask.model_inputs", problem, file=path, value=names, fix=fix, setting="capture.mask_model")
+    (given,) = inputs
+    shape = list(given.shape)
+    is_image = len(shape) == 4 and _number(shape[1], 3) == 3 and shape[3] != 3
+    if given.type not in ("tensor(float)", "tensor(float16)") or not is_image:
+        found = f"{given.type} {'x'.join(map(str, shape))}"
+        problem = f"the input of the matting model is {found}; expected float, 1x3xHxW (RGB, channels first)"
+        raise StudioError("mask.model_inputs", problem, file=path, value=found, setting="capture.mask_model")
+    dtype = np.float16 if given.type == "tensor(float16)" else np.float32
 
-        self._path = path
-        options = onnxruntime.SessionOptions()
-        options.log_severity_level = 3  # no warnings: errors are raised, and warnings only concern the optimizer
-        options.intra_op_num_threads = threads
-        try:
-            self._session: Any = onnxruntime.InferenceSession(
-                str(path), options, providers=providers(device, onnxruntime.get_available_providers())
-            )
-        except StudioError:
-            raise
-        except Exception as error:  # onnxruntime's errors have no common base class
-            raise _unloadable(path, error) from None
-        if device.startswith("cuda") and self._session.get_providers()[0] == "CPUExecutionProvider":
-            problem = f"run.device is {device}, but onnxruntime cannot initialize CUDA for the matting model"
-            fix = (
-                "Install the CUDA and cuDNN versions that your onnxruntime-gpu requires, or set run.device to auto "
-                "or cpu."
-            )
-            raise StudioError("mask.no_cuda", problem, file=path, value=device, fix=fix, setting="run.device")
-        inputs = self._session.get_inputs()
-        if len(inputs) != 1:
-            names = ", ".join(one.name for one in inputs)
-            problem = f"the matting model has {len(inputs)} inputs ({names}); expected a single RGB image"
-            value = tuple(one.name for one in inputs)
-            fix = "Recurrent models and models that need a trimap are not supported."
-            raise StudioError(
-                "mask.model_inputs", problem, file=path, value=value, fix=fix, setting="capture.mask_model"
-            )
-        (self._input,) = inputs
-        shape = list(self._input.shape)
-        is_image = len(shape) == 4 and _number(shape[1], 3) == 3 and shape[3] != 3
-        if self._input.type not in ("tensor(float)", "tensor(float16)") or not is_image:
-            found = f"{self._input.type} {'x'.join(map(str, shape))}"
-            problem = f"the input of the matting model is {found}; expected float, 1x3xHxW (RGB, channels first)"
-            raise StudioError("mask.model_inputs", problem, file=path, value=found, setting="capture.mask_model")
-        self._dtype = np.float16 if self._input.type == "tensor(float16)" else np.float32
-        self.fixed = (_number(shape[2]), _number(shape[3]))
-
-    def run(self, image: np.ndarray) -> list[np.ndarray]:
-        """All outputs for a (1, 3, H, W) float32 image."""
-        try:
-            found = self._session.run(None, {self._input.name: image.astype(self._dtype, copy=False)})
-        except Exception as error:  # as above
-            raise _failed(self._path, image, error) from None
+    def run(image: np.ndarray) -> list[np.ndarray]:
+        found = session.run(None, {given.name: image.astype(dtype, copy=False)})
         return [np.asarray(one) for one in found]
+
+    return _Loaded((_number(shape[2]), _number(shape[3])), run)
 
 
 def providers(device: str, available: Sequence[str]) -> list[Any]:
@@ -222,19 +223,6 @@ def preprocess(image: np.ndarray, size: tuple[int, int], kind: Kind) -> np.ndarr
 def _number(size: Any, otherwise: int | None = None) -> int | None:
     """A fixed dimension; `otherwise` for a dynamic one (a name or None)."""
     return size if isinstance(size, int) and size > 0 else otherwise
-
-
-def _unloadable(path: Path, error: Exception) -> StudioError:
-    problem = f"cannot load the matting model ({_first_line(error)})"
-    fix = "Replace the file."
-    return StudioError("mask.model_unloadable", problem, file=path, fix=fix, setting="capture.mask_model")
-
-
-def _failed(path: Path, image: np.ndarray, error: Exception) -> StudioError:
-    size = (image.shape[3], image.shape[2])
-    problem = f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})"
-    fix = "Check the kind in capture.mask_model."
-    return StudioError("mask.model_failed", problem, file=path, value=size, fix=fix, setting="capture.mask_model")
 
 
 def _first_line(error: Exception) -> str:
