@@ -32,7 +32,6 @@ class FunctionMaskSource:
 
     Args:
         function: computes the masks; None: the function that the source is then called with, as a decorator.
-        name: name of the function in errors; None: its own.
         files: files that the function depends on besides its source file, such as those it reads; a take becomes stale
             when they change.
         cameras: names of the cameras that the function has masks of, an attribute as well; None: all. Others are not
@@ -42,13 +41,11 @@ class FunctionMaskSource:
     def __init__(
         self,
         function: MaskFunction | None = None,
-        name: str | None = None,
         *,
         files: Sequence[Path | str] = (),
         cameras: Collection[str] | None = None,
     ) -> None:
         self.cameras = cameras
-        self._name = name
         self._files = [Path(file) for file in files]
         if function is not None:
             self(function)
@@ -56,7 +53,7 @@ class FunctionMaskSource:
     def __call__(self, function: MaskFunction) -> Self:
         """Use this function: `@FunctionMaskSource(files=...)`."""
         self._function = function
-        self._name = self._name or getattr(function, "__name__", "mask function")
+        self._name = getattr(function, "__name__", "mask function")
         self._files = _source_files(function) + self._files
         self.__module__ = getattr(function, "__module__", self.__module__)  # the first place to look for its name
         return self

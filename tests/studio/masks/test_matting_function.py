@@ -192,8 +192,8 @@ def test_a_function_that_fails_names_camera_frame_and_line() -> None:
 )
 def test_functions_that_do_not_return_a_mask(returned: np.ndarray, value: object) -> None:
     with refuses("mask.function_output", file=Path(__file__), value=value, camera="a", frame=3) as caught:
-        FunctionMaskSource(lambda *_: returned, "my function").mask("a", 3, noisy())
-    assert caught.value.problem.startswith("my function, ")
+        FunctionMaskSource(lambda *_: returned).mask("a", 3, noisy())
+    assert caught.value.problem.startswith("<lambda>, ")
 
 
 def test_only_the_largest_component_is_kept() -> None:
@@ -218,7 +218,7 @@ def of_some(image, camera, frame):
     return plain(image, camera, frame) if camera != "cam2" else None
 
 of_some.cameras = ["cam1", "cam10", "another"]
-by_call = v3.FunctionMaskSource(plain, "other name", files=[__file__ + ".txt"])
+by_call = v3.FunctionMaskSource(plain, files=[__file__ + ".txt"])
 
 @v3.FunctionMaskSource(files=[__file__ + ".txt"])
 def reads_a_file(image, camera, frame):
