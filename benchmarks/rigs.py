@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from pipelines.config import load_config
 from pipelines.stages.rig_check import judge_views
 from studio.calibration.epipolar import PairMatches, match_images
-from studio.calibration.verdict import RigVerdict
+from studio.calibration.report import RigVerdict
 from studio.camera_files import read_rig
 from studio.cameras import Rig
 from studio.capture import Footage, FootageView, open_footage

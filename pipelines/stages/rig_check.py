@@ -14,7 +14,8 @@ from pipelines.stages.params import key_of
 from pipelines.stages.reporter import StageReporter
 from pipelines.takes.atomic_files import read_model, write_model
 from studio.calibration.epipolar import PairMatches, match_images
-from studio.calibration.verdict import RigVerdict, judge
+from studio.calibration.report import RigVerdict
+from studio.calibration.verdict import judge
 from studio.cameras import Camera
 from studio.counts import counted, listed
 from studio.errors import Message, StudioError

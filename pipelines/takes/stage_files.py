@@ -7,8 +7,7 @@ from pydantic import Field, JsonValue
 
 from pipelines.takes.atomic_files import Result, read_json, read_model, validated
 from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport
-from studio.calibration.verdict import RigVerdict
+from studio.calibration.report import CalibrationReport, RigVerdict
 
 
 class InitialPointsReport(Result):

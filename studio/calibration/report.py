@@ -4,9 +4,9 @@ The same frozen models write and read it. Only fields that were set are written:
 different fields.
 """
 
-from pydantic import BaseModel, ConfigDict
+from typing import Literal
 
-from studio.calibration.verdict import RigVerdict
+from pydantic import BaseModel, ConfigDict
 
 
 class _Model(BaseModel):
@@ -103,6 +103,27 @@ class FloorReport(_Model):
     tilt: float  # angle by which the up direction changed, in degrees
     height: float  # height by which the origin was raised, in world units
     share: float  # fraction of the points on the floor, 0 to 1
+
+
+class CameraVerdict(_Model):
+    """Evidence on one camera."""
+
+    matches: int = 0  # verified matches of its image with others
+    fits: float | None = None  # fraction of them that fit the epipolar geometry of the rig; None for too few matches
+    mask_error: float | None = None
+    """Disagreement of its mask with the volume of the others, 0..2 (see `MaskAgreement`); None if not known."""
+
+
+class RigVerdict(_Model):
+    """Verdict on a rig."""
+
+    grade: Literal["good", "usable", "wrong"]
+    reason: str  # one or two sentences
+    fix: str = ""
+    doubtful: tuple[str, ...] = ()  # cameras that disagree with the others
+    blamed: Literal["", "cameras", "masks", "cameras or masks"] = ""  # what is wrong, if something is
+    fits: float | None = None  # fraction of all matches that fit; None for too few matches
+    cameras: dict[str, CameraVerdict] = {}
 
 
 class SolutionReport(_Model):

@@ -3,16 +3,13 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting, repetition
+from studio.calibration.report import CameraVerdict, RigVerdict
 from studio.cameras import OPENGL_AXES, Camera
 from studio.counts import cameras_listed, listed
-
-Grade = Literal["good", "usable", "wrong"]
 
 Cameras = Mapping[str, Camera]
 
@@ -29,31 +26,6 @@ _SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
 """Factors of focal lengths that are tried, and those around the best of them."""
 
 _SCALE_OFF = 0.04  # logarithm of a factor of all focal lengths from which on it is tested whether they are wrong
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-
-class CameraVerdict(_Model):
-    """Evidence on one camera."""
-
-    matches: int = 0  # verified matches of its image with others
-    fits: float | None = None  # fraction of them that fit the epipolar geometry of the rig; None for too few matches
-    mask_error: float | None = None
-    """Disagreement of its mask with the volume of the others, 0..2 (see `MaskAgreement`); None if not known."""
-
-
-class RigVerdict(_Model):
-    """Verdict on a rig."""
-
-    grade: Grade
-    reason: str  # one or two sentences
-    fix: str = ""
-    doubtful: tuple[str, ...] = ()  # cameras that disagree with the others
-    blamed: Literal["", "cameras", "masks", "cameras or masks"] = ""  # what is wrong, if something is
-    fits: float | None = None  # fraction of all matches that fit; None for too few matches
-    cameras: dict[str, CameraVerdict] = {}
 
 
 def judge(

@@ -133,7 +133,21 @@ class Footage:
     def image(self, camera: str, frame: int) -> np.ndarray:
         """(H, W, 3) uint8 RGB, undistorted, scaled, and despilled if the mask source does that (see `Recolors`). The
         caller may modify the array. StudioError as `raw_image`."""
-        return self._image(camera, frame).copy()
+        warp = self._warp(camera)
+        if warp.is_identity and not isinstance(self.mask_source, Recolors):
+            return self.raw_image(camera, frame)
+        key = ("image", camera, frame)
+        cached = self._cache.get(key)
+        if cached is None:
+            image = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
+            if isinstance(self.mask_source, Recolors):
+                image = self.mask_source.recolored(camera, image, self._raw_mask(camera, frame))
+            if not warp.is_identity:
+                image = warp.apply(image, self._maps(camera, warp), smooth=True)
+            cached = (image,)
+            self._cache.put(key, cached)
+            self._release(camera, frame)
+        return cached[0].copy()
 
     def mask(self, camera: str, frame: int) -> np.ndarray:
         """(H, W) uint8, 255 = foreground, like the image. StudioError as `image`, or `mask.*` if the source fails."""
@@ -221,23 +235,6 @@ class Footage:
     def _raw(self, camera: str, frame: int) -> np.ndarray:
         source = self._source(camera)
         return self._cache.get_or_make(("raw", camera, frame), lambda _: (source.read(frame),))[0]
-
-    def _image(self, camera: str, frame: int) -> np.ndarray:
-        warp = self._warp(camera)
-        if warp.is_identity and not isinstance(self.mask_source, Recolors):
-            return np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
-        key = ("image", camera, frame)
-        cached = self._cache.get(key)
-        if cached is None:
-            image = np.ascontiguousarray(self._raw(camera, frame)[:, :, :3])
-            if isinstance(self.mask_source, Recolors):
-                image = self.mask_source.recolored(camera, image, self._raw_mask(camera, frame))
-            if not warp.is_identity:
-                image = warp.apply(image, self._maps(camera, warp), smooth=True)
-            cached = (image,)
-            self._cache.put(key, cached)
-            self._release(camera, frame)
-        return cached[0]
 
     def _raw_mask(self, camera: str, frame: int) -> np.ndarray:
         """As `raw_mask`, cached only if both the image and the mask need it."""

@@ -6,8 +6,7 @@ import numpy as np
 from pipelines.reports.calibration import calibration_warnings, intrinsics_sentences, render_calibration
 from pipelines.takes.stage_files import CameraChange, CameraRefinement, CheckedCameras
 from studio.calibration import reprojection_report
-from studio.calibration.report import CalibrationReport, SharedIntrinsicsReport
-from studio.calibration.verdict import CameraVerdict, RigVerdict
+from studio.calibration.report import CalibrationReport, CameraVerdict, RigVerdict, SharedIntrinsicsReport
 from studio.cameras import Rig
 from tests.support.rigs import camera_at
 

@@ -15,8 +15,8 @@ from pipelines.stages.reporter import StageReporter
 from pipelines.takes.stage_files import checked_cameras
 from pipelines.takes.take import Take
 from studio.calibration import CalibrationResult, align_rigs, reprojection_report
+from studio.calibration.report import RigVerdict
 from studio.calibration.settings import CalibrateSettings
-from studio.calibration.verdict import RigVerdict
 from studio.camera_files import read_rig, write_rig
 from studio.cameras import Camera, Rig
 from studio.errors import StudioError

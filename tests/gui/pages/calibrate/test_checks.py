@@ -5,7 +5,7 @@ from gui.pages.calibrate.view import CalibrateView
 from pipelines.takes.atomic_files import write_model
 from pipelines.takes.stage_files import CameraChange, CameraRefinement
 from pipelines.takes.take import Take
-from studio.calibration.verdict import CameraVerdict, RigVerdict
+from studio.calibration.report import CameraVerdict, RigVerdict
 
 SIZE = (900, 600)
 
