@@ -29,6 +29,8 @@ function takeWorker(): Worker {
   return worker;
 }
 
+const NOTHING: StreamEvents["fetched"] = { groups: [], bytes: 0, bandwidth: 0 };
+
 interface Asked {
   readonly frame: number;
   readonly resolve: (splats: Splats | null) => void;
@@ -39,11 +41,8 @@ export class V3Stream extends Emitter<StreamEvents> {
   info: StreamInfo | null = null;
   /** How images are decoded. */
   path: DecodePath | null = null;
-  /** Of the connection, in Mbit/s; 0 while it is not known. */
-  bandwidth = 0;
-  receivedBytes = 0;
-  /** Groups in memory. */
-  fetchedGroups: readonly number[] = [];
+  /** What is in memory, and what has come over the network. */
+  fetched: StreamEvents["fetched"] = NOTHING;
   /** Groups that cannot be played, and why. */
   readonly leftOut = new Map<number, string>();
   /** Largest side of a texture that the device can render from, in pixels, for players. Set before opening. */
@@ -68,7 +67,7 @@ export class V3Stream extends Emitter<StreamEvents> {
     this.rejectAll("Another stream was opened.");
     this.info = this.failure = null;
     this.leftOut.clear();
-    this.fetchedGroups = [];
+    this.fetched = NOTHING;
     const inPage = "document" in globalThis;
     const url = typeof source === "string" ? new URL(source, inPage ? document.baseURI : location.href).href : null;
     const early = inPage && url !== null ? takeEarlyFiles(url) : {};
@@ -172,7 +171,7 @@ export class V3Stream extends Emitter<StreamEvents> {
         return;
       }
       case "fetched":
-        ({ groups: this.fetchedGroups, bytes: this.receivedBytes, bandwidth: this.bandwidth } = message.value);
+        this.fetched = message.value;
         break;
       case "failed":
         this.fail(message.value);

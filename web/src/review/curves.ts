@@ -17,14 +17,13 @@ export function curveRange(...series: readonly Series[]): [number, number] | nul
   return [low, Math.max(Math.ceil(Math.max(...known)), low + 2)];
 }
 
-/** From zero to a round number (1, 2 or 5 times a power of ten, or 1.5, 3, 4, 8 times) at or above all values. */
+/** From zero to the first tick at or above all values. */
 export function sizeRange(series: Series): [number, number] | null {
   const known = series.filter((value) => value !== null);
   if (known.length === 0) return null;
   const top = Math.max(...known, 1e-9);
-  const power = 10 ** Math.floor(Math.log10(top));
-  const factor = [1, 1.5, 2, 3, 4, 5, 8, 10].find((one) => one * power >= top * (1 - 1e-9)) ?? 10;
-  return [0, factor * power];
+  const step = ticks(0, top, 4)[1];
+  return [0, Number((step * Math.ceil(top / step - 1e-9)).toPrecision(12))];
 }
 
 /** Round values from low to high: steps of 1, 2 or 5 times a power of ten, about `count` of them. */

@@ -5,11 +5,6 @@ import { MAX_VALUE } from "../stream/layout.ts";
 
 const short = (value: number, digits = 4): string => String(Number(value.toPrecision(digits)));
 
-export function formatView(view: View): string {
-  const { azimuth, elevation, distance, target } = view;
-  return [azimuth, elevation, distance, ...target].map((value) => short(value)).join(",");
-}
-
 /** The view of a link: two angles, or with the distance, or with the target too; null if it is malformed. */
 export function parseView(text: string | null): PartialView | null {
   const values = (text ?? "").split(",").map((part) => (part.trim() === "" ? NaN : Number(part)));
@@ -20,18 +15,13 @@ export function parseView(text: string | null): PartialView | null {
   return values.length === 3 ? { azimuth, elevation, distance } : { azimuth, elevation, distance, target: [x, y, z] };
 }
 
-/** The time of a link in seconds; null if it is malformed. */
-export function parseTime(text: string | null): number | null {
-  const value = text === null || text.trim() === "" ? NaN : Number(text);
-  return value >= 0 && value <= MAX_VALUE ? value : null;
-}
-
 /** The page's URL with a time, a view and further parameters; the rest of it is unchanged. */
 export function linkTo(address: string, seconds: number, view: View, more: Readonly<Record<string, string>> = {}): string {
+  const { azimuth, elevation, distance, target } = view;
   const url = new URL(address);
   url.searchParams.delete("compare");
   url.searchParams.set("t", short(seconds, 5));
-  url.searchParams.set("view", formatView(view));
+  url.searchParams.set("view", [azimuth, elevation, distance, ...target].map((value) => short(value)).join());
   for (const [name, value] of Object.entries(more)) url.searchParams.set(name, value);
   return url.href.replaceAll("%2C", ",");
 }

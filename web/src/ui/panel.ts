@@ -7,7 +7,8 @@ import { bytes, count, milliseconds, plural } from "./format.ts";
 
 function figures(player: Player): [string, string][] {
   const { statistics: s, info, group, stream } = player;
-  const received = bytes(stream.receivedBytes);
+  const { bandwidth } = stream.fetched;
+  const received = bytes(stream.fetched.bytes);
   const wanted = Number(((info?.fps ?? 0) * player.speed).toFixed(2));
   const interval = s.interval.mean(60);
   const [width, height] = player.screen.size;
@@ -23,7 +24,7 @@ function figures(player: Player): [string, string][] {
     ["Render", s.gpu.mean() > 0 ? `${milliseconds(s.draw.mean())} CPU, ${milliseconds(s.gpu.mean())} GPU` : `${milliseconds(s.draw.mean())} CPU`],
     ["Main thread", `${milliseconds(s.main.mean())} per frame`],
     ["Image", `${width} × ${height}`],
-    ["Bandwidth", stream.bandwidth === 0 ? "–" : `${stream.bandwidth.toFixed(1)} Mbit/s`],
+    ["Bandwidth", bandwidth === 0 ? "–" : `${bandwidth.toFixed(1)} Mbit/s`],
     // Of several renditions, only one of each group is fetched.
     ["Received", info?.renditions.length === 1 ? `${received} of ${bytes(info.totalBytes)}` : received],
   ];

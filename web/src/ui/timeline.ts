@@ -101,10 +101,10 @@ export class Timeline {
 
   /** Shows which groups are in memory and which are skipped. */
   updateBuffered(): void {
-    const { info, fetchedGroups, leftOut } = this.player.stream;
+    const { info, fetched: { groups }, leftOut } = this.player.stream;
     if (info === null) return;
     const stops: string[] = [];
-    const fetched = new Set(fetchedGroups);
+    const fetched = new Set(groups);
     info.groups.forEach((group, index) => {
       const color = leftOut.has(index) ? "var(--bad)" : fetched.has(index) ? "var(--buffered)" : "transparent";
       const [from, to] = [group.firstFrame, group.firstFrame + group.frameCount].map(

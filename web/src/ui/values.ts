@@ -4,7 +4,7 @@
 import type { PartialView } from "../render/camera.ts";
 import { MAX_VALUE } from "../stream/layout.ts";
 import { BACKGROUNDS, type BackgroundName, isBackground, isDecoder } from "./choices.ts";
-import { parseTime, parseView } from "./link.ts";
+import { parseView } from "./link.ts";
 
 const VIEW =
   "setView requires an object with some of azimuth, elevation, distance (above 0) and target ([x, y, z]), " +
@@ -70,7 +70,8 @@ export interface Parameters {
 
 /** @param takesSource - whether the page plays streams that a link names */
 export function readParameters(query: URLSearchParams, takesSource: boolean): Parameters {
-  const time = parseTime(query.get("t"));
+  const seconds = query.get("t")?.trim() ? Number(query.get("t")) : NaN;
+  const time = seconds >= 0 && seconds <= MAX_VALUE ? seconds : null;
   const view = parseView(query.get("view"));
   const usable = {
     src: { what: "video", fits: takesSource && query.get("src") !== "" },
