@@ -5,7 +5,6 @@ and emits a signal; widgets and actions that show the model are connected to tha
 """
 
 import time
-import weakref
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -32,23 +31,21 @@ class Signal(Generic[Arguments]):
 
 
 class Timer:
-    """Calls a bound method every so often, as long as its object exists: only a weak reference is kept."""
+    """Calls a function every so often."""
 
-    def __init__(self, seconds: float, method: Callback) -> None:
-        self._seconds, self._method = seconds, weakref.WeakMethod(method)
+    def __init__(self, seconds: float, callback: Callback) -> None:
+        self._seconds, self._callback = seconds, callback
         self._due = 0.0
 
     def soon(self) -> None:
-        """Call the method at the next run of the loop."""
+        """Call the function at the next run of the loop."""
         self._due = 0.0
 
-    def run(self) -> bool:
-        """Call the method if it is due; returns whether the timer is still needed."""
-        method = self._method()
-        if method is not None and time.monotonic() >= self._due:
+    def run(self) -> None:
+        """Call the function if it is due."""
+        if time.monotonic() >= self._due:
             self._due = time.monotonic() + self._seconds
-            method()
-        return method is not None
+            self._callback()
 
 
 class Loop:
@@ -62,9 +59,9 @@ class Loop:
         """Call `callback` at the next run. Thread-safe."""
         self._posted.append(callback)
 
-    def every(self, seconds: float, method: Callback) -> Timer:
-        """Call a bound method at the next run and then once per period; see `Timer`."""
-        timer = Timer(seconds, method)
+    def every(self, seconds: float, callback: Callback) -> Timer:
+        """Call `callback` at the next run and then once per period."""
+        timer = Timer(seconds, callback)
         self._timers.append(timer)
         return timer
 
@@ -77,8 +74,7 @@ class Loop:
         while self._posted:
             self._posted.popleft()()
         for timer in list(self._timers):
-            if not timer.run():
-                self._timers.remove(timer)
+            timer.run()
 
 
 LOOP = Loop()  # the loop of the window's thread
