@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from studio.gaussians import Gaussians
+    from studio.playback import PlayedFrame
     from studio.stream import Manifest
 
 
@@ -48,13 +48,12 @@ def _play(arguments: argparse.Namespace) -> int:
             first, last = numbers.number(0), numbers.number(reader.frame_count - 1)
             problem = f"--frames {start or first}:{end + 1}: the stream has no such frames"
             raise invalid_option("--frames", problem, f"It has frames {first} to {last}.")
-        render = _renderer(reader.manifest, arguments.stream) if arguments.render else None
         report = play_headless(
             reader,
             realtime=arguments.realtime,
             start_frame=chosen.start,
             frame_limit=None if stop is None else len(chosen),
-            render=render,
+            on_frame=_renderer(reader.manifest, arguments.stream) if arguments.render else None,
         )
     arguments.result = report.to_dict()
     if not arguments.json:
@@ -65,8 +64,8 @@ def _play(arguments: argparse.Namespace) -> int:
     return 1 if report.skipped else 0
 
 
-def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], object]:
-    """Return a function that renders Gaussians from the stream's suggested camera over its background."""
+def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[PlayedFrame], object]:
+    """Return a function that renders a frame from the stream's suggested camera over its background."""
     from pipelines.reports.images import render
     from studio.stream import StreamMetadata
 
@@ -81,4 +80,4 @@ def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[Gaussians], o
         )
         raise StudioError("stream.camera_too_large", problem, file=stream, fix="Remove --render.", option="--render")
     background = metadata.background or (0.0, 0.0, 0.0)
-    return lambda gaussians: render(gaussians, camera, background)
+    return lambda played: render(played.gaussians, camera, background)

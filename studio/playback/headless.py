@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from studio.errors import StudioError
-from studio.gaussians import Gaussians
 from studio.playback.follow import following
 from studio.playback.rate_rule import RateRule
 from studio.playback.statistics import FrameStats, PlaybackReport
@@ -30,8 +29,7 @@ def play_headless(
     realtime: bool = False,
     start_frame: int = 0,
     frame_limit: int | None = None,
-    on_frame: Callable[[PlayedFrame], None] | None = None,
-    render: Callable[[Gaussians], object] | None = None,
+    on_frame: Callable[[PlayedFrame], object] | None = None,
 ) -> PlaybackReport:
     """Play a stream to its end: fetch, decode and dequantize on three threads. A live stream is followed until it is
     complete.
@@ -42,8 +40,7 @@ def play_headless(
             fast as possible.
         start_frame: index of the first frame, 0-based.
         frame_limit: number of frames to play, at least 1; None: play to the end.
-        on_frame: called with each frame, in order, on the caller's thread.
-        render: renders a frame; its duration becomes the frame's `render_ms`.
+        on_frame: called with each frame, in order, on the caller's thread; the time it takes becomes `render_ms`.
 
     Returns:
         cost of each delivered frame, number of dropped frames, duration, and skipped groups.
@@ -67,12 +64,10 @@ def play_headless(
                 if item.frame >= stop:
                     break
                 figures = item.stats
-                if render is not None:
-                    started = time.perf_counter()
-                    render(item.gaussians)
-                    figures = replace(figures, render_ms=1e3 * (time.perf_counter() - started))
                 if on_frame is not None:
+                    started = time.perf_counter()
                     on_frame(item)
+                    figures = replace(figures, render_ms=1e3 * (time.perf_counter() - started))
                 stats.append(figures)
                 if item.frame == stop - 1:
                     break

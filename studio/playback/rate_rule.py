@@ -7,7 +7,6 @@ throughput alone decides.
 """
 
 import math
-import threading
 from collections import deque
 from collections.abc import Sequence
 
@@ -22,8 +21,8 @@ _DROPPED_SAMPLE = 90  # frames; dash.js waits for 375, but groups of splats are 
 
 
 class RateRule:
-    """Chooses among renditions with these `bandwidths`, bits per second in the order of the manifest. Thread safe.
-    `target`: seconds of buffer to fill; at that, the best rendition is taken."""
+    """Chooses among renditions with these `bandwidths`, bits per second in the order of the manifest. `played` may be
+    called on another thread. `target`: seconds of buffer to fill; at that, the best rendition is taken."""
 
     def __init__(self, bandwidths: Sequence[int]) -> None:
         # by rate, which need not be the order of the manifest
@@ -37,40 +36,36 @@ class RateRule:
         self._filling = True
         self._last = 0
         self._patience, self._pause = _FIRST_PAUSE, 0
-        self._lock = threading.Lock()
 
     def fetched(self, size: int, seconds: float) -> None:
         """A group of `size` bytes took so long to arrive."""
-        with self._lock:
-            self._throughput.append((size, max(seconds, 1e-6)))
+        self._throughput.append((size, max(seconds, 1e-6)))
 
-    def played(self, rendition: int, shown: int = 0, dropped: int = 0) -> None:
+    def played(self, rendition: int, shown: int, dropped: int) -> None:
         """Frames of a rendition were shown, or were dropped since decoding was late."""
-        with self._lock:
-            counts = self._frames[self._order.index(rendition)]
-            counts[0] += shown
-            counts[1] += dropped
+        counts = self._frames[self._order.index(rendition)]
+        counts[0] += shown
+        counts[1] += dropped
 
     def choose(self, buffered: float) -> int:
         """Position of the rendition to fetch next in the manifest's order, with `buffered` seconds of frames that are
         fetched and not yet shown."""
-        with self._lock:
-            by_rate = self._sustained()
-            choice = by_rate
-            bola = self._bola(buffered)
-            if self._filling and (bola > by_rate or bola == by_rate > 0):
-                self._filling = False
-            if not self._filling:
-                # BOLA-O: not above what arrives in time, unless it is already there. The throughput of short downloads
-                # is mostly latency, so with a full buffer one step up is tried.
-                choice = max(min(bola, by_rate), min(bola, self._last))
-                if bola > choice and buffered >= _PROBING * self.target and self._pause <= 0:
-                    choice += 1
-                    self._pause = self._patience = min(2 * self._patience, _LONGEST_PAUSE)
-            self._pause -= 1
-            choice = min(choice, self._decodable())
-            self._last = choice
-            return self._order[choice]
+        by_rate = self._sustained()
+        choice = by_rate
+        bola = self._bola(buffered)
+        if self._filling and (bola > by_rate or bola == by_rate > 0):
+            self._filling = False
+        if not self._filling:
+            # BOLA-O: not above what arrives in time, unless it is already there. The throughput of short downloads
+            # is mostly latency, so with a full buffer one step up is tried.
+            choice = max(min(bola, by_rate), min(bola, self._last))
+            if bola > choice and buffered >= _PROBING * self.target and self._pause <= 0:
+                choice += 1
+                self._pause = self._patience = min(2 * self._patience, _LONGEST_PAUSE)
+        self._pause -= 1
+        choice = min(choice, self._decodable())
+        self._last = choice
+        return self._order[choice]
 
     def _bola(self, buffered: float) -> int:
         if self._gp == 0:  # all rates are equal

@@ -112,7 +112,6 @@ class FrameRenderer:
     draw: DrawFn
     reader: SceneReader
     _kept: MemoryCache[tuple[object, ...], _Part] = field(default_factory=lambda: MemoryCache(KEPT_PICTURES))
-    _factors: MemoryCache[tuple[object, ...], float] = field(default_factory=lambda: MemoryCache(1))
 
     def __call__(self, request: RenderRequest) -> Picture:
         """Render the image. Raises StudioError: a missing or damaged frame or image."""
@@ -182,8 +181,7 @@ class FrameRenderer:
         """Only the initial view decides, so that zooming in still enlarges."""
         if request.mode != "side by side":
             return 1.0
-        key = (id(request.points), request.home.key, box.width, box.height)
-        return self._factors.get_or_make(key, lambda _: request.home.widened(request.points, box.width, box.height))
+        return request.home.widened(request.points, box.width, box.height)
 
     def forget(self) -> None:
         """Empty the cache: something else was opened, or files have changed."""
