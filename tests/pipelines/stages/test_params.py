@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.config import Config, load_config
-from pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, footage, params
+from pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, inputs, params
 from pipelines.stages.baking import plan, rungs
 from pipelines.stages.baking.plan import BakePlan
 from pipelines.stages.baking.publish import publish
@@ -43,7 +43,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], s
         names.update(found)
         return found
 
-    for module in (plan, *(stage.code for stage in STAGES), footage, rungs):
+    for module in (plan, *(stage.code for stage in STAGES), inputs, rungs):
         monkeypatch.setattr(module, "settings_affecting", noted)
 
     def during(call: Callable[[], object]) -> set[str]:
