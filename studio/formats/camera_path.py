@@ -20,9 +20,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, get_args
 
 import numpy as np
+from pydantic import BaseModel, Field, ValidationError
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
@@ -31,14 +32,15 @@ from studio.atomic_files import write_json
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
 from studio.cameras import Camera, look_at_pose
-from studio.errors import StudioError
+from studio.errors import StudioError, first_violation
 from studio.formats import USD_SUFFIXES
 from studio.json_types import JsonObject
 from studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
 VERSION = 1
-EASINGS = ("smooth", "ease", "linear", "hold")
+Easing = Literal["smooth", "ease", "linear", "hold"]
+EASINGS: tuple[Easing, ...] = get_args(Easing)
 
 FILM_FORMATS = {".nk": "nuke_cameras"} | dict.fromkeys(USD_SUFFIXES, "usd_cameras")
 """Modules of `studio.formats` that read cameras of film tools, by suffix: `read_cameras(path, width, height)` returns
@@ -50,13 +52,13 @@ _SAMPLED_FRAMES = 5  # frames of the video from which the subject is located
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """A camera at a `time` in seconds. `frame` of the splat video: None if it plays at its own rate. `easing`, one of
-    `EASINGS`: how the camera moves to the next key."""
+    """A camera at a `time` in seconds. `frame` of the splat video: None if it plays at its own rate. `easing`: how the
+    camera moves to the next key."""
 
     time: float
     camera: Camera
     frame: float | None = None
-    easing: str = "smooth"
+    easing: Easing = "smooth"
 
 
 class CameraPath:
@@ -71,8 +73,8 @@ class CameraPath:
 
     Raises:
         StudioError: there are no keys (camera_path.no_keys), their times are not ascending (camera_path.times), a
-            camera has another aspect ratio (camera_path.aspect_ratio), only some keys have a frame
-            (camera_path.frames), or an easing is none of `EASINGS` (camera_path.easing).
+            camera has another aspect ratio (camera_path.aspect_ratio), or only some keys have a frame
+            (camera_path.frames).
     """
 
     def __init__(self, keys: Sequence[Key], width: int, height: int) -> None:
@@ -88,8 +90,6 @@ class CameraPath:
         if frames and len(frames) < len(keys):
             problem = "only some of the keys have a frame"
             raise StudioError("camera_path.frames", problem, fix="Set frame in all keys or in none.")
-        for key in keys:
-            check_easing(key.easing)
         self._easings = [key.easing for key in keys]
         cameras = [_fitted(key.camera, width, height) for key in keys]
         self._cameras = cameras
@@ -165,13 +165,6 @@ class CameraPath:
         return float(brentq(lambda time: shown(time) - wanted, start, self._times[-1], xtol=1e-9) - start)
 
 
-def check_easing(easing: str) -> None:
-    """Check that an easing is one of `EASINGS`."""
-    if easing not in EASINGS:
-        problem = f"the easing is {easing!r}; it must be one of {', '.join(EASINGS)}"
-        raise StudioError("camera_path.easing", problem, value=easing, expected=EASINGS)
-
-
 def _fitted(camera: Camera, width: int, height: int) -> Camera:
     """The camera at another size of the same aspect ratio, without lens distortion and skew, for the rasterizer."""
     if abs(camera.width / camera.height / (width / height) - 1) > 0.01:
@@ -186,6 +179,17 @@ def _fitted(camera: Camera, width: int, height: int) -> Camera:
     return replace(camera, K=K).undistorted().resized(width, height)
 
 
+class _FileKey(BaseModel):
+    time: Annotated[float, Field(strict=True)]
+    camera: JsonObject
+    frame: Annotated[float | None, Field(strict=True)] = None
+    easing: Easing = "smooth"
+
+
+class _File(BaseModel):
+    keys: Annotated[list[_FileKey], Field(min_length=1)]
+
+
 def read_path_keys(path: Path, seconds: float) -> list[Key]:
     """The keys of a camera path file, or the cameras of a rig file as keys spread evenly over `seconds`."""
     values = read_json(path)
@@ -198,10 +202,16 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
         value = values.get("version")
         fix = "Update V3 Studio."
         raise StudioError("camera_path.unsupported_version", problem, file=path, value=value, fix=fix, expected=VERSION)
-    entries = values.get("keys")
-    if not isinstance(entries, list) or not entries:
-        raise StudioError("camera_path.no_keys", "'keys' must be a list with at least one key", file=path)
-    return [_key(path, index, entry) for index, entry in enumerate(entries)]
+    try:
+        _File.model_validate(values)
+    except ValidationError as error:
+        name, problem = first_violation(error)
+        fix = "docs/guides/export-import.md describes the format."
+        raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, name=name) from None
+    return [
+        Key(float(one["time"]), Camera.from_dict(one["camera"]), one.get("frame"), one.get("easing", "smooth"))
+        for one in values["keys"]
+    ]
 
 
 def read_film_keys(
@@ -231,30 +241,6 @@ def read_film_keys(
     frames = [number for number in sorted(cameras) if (number - numbers[0]) % step == 0]
     indices = {number: (number - numbers[0]) // step for number in frames}
     return [Key(index / fps, cameras[number], index, "linear") for number, index in indices.items()]
-
-
-def _key(path: Path, index: int, entry: Any) -> Key:
-    if not isinstance(entry, dict) or not isinstance(entry.get("camera"), dict):
-        problem = f"key {index} has no 'camera'"
-        fix = "Add a camera in the format of rig.json."
-        raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, key=index, name="camera")
-    numbers = {}
-    for name in ("time", "frame"):
-        value = entry.get(name)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            problem = f"'{name}' of key {index} is {value!r}; it must be a number"
-            raise StudioError("camera_path.invalid_key", problem, file=path, value=value, key=index, name=name)
-        numbers[name] = value
-    if numbers["time"] is None:
-        problem = f"key {index} has no 'time'"
-        fix = "Add the time in seconds from the start of the movie."
-        raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, key=index, name="time")
-    easing = entry.get("easing", "smooth")
-    try:
-        check_easing(easing)
-    except StudioError as error:
-        raise StudioError(error.code, f"key {index}: {error.problem}", file=path, value=easing, key=index) from None
-    return Key(float(numbers["time"]), Camera.from_dict(entry["camera"]), numbers["frame"], easing)
 
 
 def write_path_keys(keys: Sequence[Key], path: Path) -> None:
