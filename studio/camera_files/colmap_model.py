@@ -27,13 +27,6 @@ MODELS = {
     "OPENCV": (4, 8),
     "FULL_OPENCV": (6, 12),
 }
-OTHER_MODELS = {  # names for errors
-    5: "OPENCV_FISHEYE",
-    7: "FOV",
-    8: "SIMPLE_RADIAL_FISHEYE",
-    9: "RADIAL_FISHEYE",
-    10: "THIN_PRISM_FISHEYE",
-}
 
 
 def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
@@ -256,7 +249,10 @@ def _intrinsics_binary(path: Path) -> dict[int, _Lens]:
     for _ in range(int(reader.take("Q")[0])):
         key, model, width, height = (int(value) for value in reader.take("iiQQ"))
         if model not in by_id:
-            raise _unsupported_model(OTHER_MODELS.get(model, f"number {model}"))
+            from pycolmap import CameraModelId
+
+            names = {other.value: name for name, other in CameraModelId.__members__.items()}
+            raise _unsupported_model(names.get(model, f"number {model}"))
         name, count = by_id[model]
         found[key] = name, width, height, [float(p) for p in reader.take(f"{count}d")]
     return found

@@ -39,9 +39,9 @@ class Background:
     """The set behind the performer in one camera."""
 
     plate: np.ndarray  # (H, W, 3) uint8 RGB
-    known: np.ndarray | None = None  # (H, W) bool, where the plate is reliable; None: everywhere
+    known: np.ndarray | None = None  # (H, W) bool, where the plate is reliable; None: everywhere, a clean plate
     # (H, W) bool, where the plate has a color of the performer that is only visible at times, so that it may show the
-    # performer standing still; None: nowhere
+    # performer standing still; None for a clean plate
     doubtful: np.ndarray | None = None
     colors: np.ndarray | None = None  # `color_table` of performer and set; None if the performer's were not learned
     agreed: np.ndarray | None = None  # (H, W) bool, where all cameras agree that it shows the set; None: not compared

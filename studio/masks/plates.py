@@ -58,16 +58,12 @@ class PlateMaskSource(MaskSource):
 
 def shown(behind: Background) -> np.ndarray:
     """A background as `ShowsSet` returns it."""
-    if behind.agreed is not None:
-        return np.dstack([behind.plate, np.where(behind.agreed, np.uint8(255), np.uint8(0))])
-    if behind.known is None and behind.doubtful is None:
-        return behind.plate
-    reliable = np.full(behind.plate.shape[:2], 255, np.uint8)
-    if behind.known is not None:
-        reliable[~behind.known] = 0
-    if behind.doubtful is not None:
-        reliable[behind.doubtful] = 0
-    return np.dstack([behind.plate, reliable])
+    reliable = behind.agreed
+    if reliable is None:
+        if behind.known is None or behind.doubtful is None:
+            return behind.plate
+        reliable = behind.known & ~behind.doubtful
+    return np.dstack([behind.plate, np.where(reliable, np.uint8(255), np.uint8(0))])
 
 
 def _plate(paths: list[Path], spec: CaptureSettings) -> Background:

@@ -38,9 +38,10 @@ def evidence_of(
     """Log-odds that pixels of an (H, W, 3) uint8 RGB image show the performer: (H, W) float32, within +-`LIMIT`.
     `neighbors`: the images shortly before and after, maybe none; `behind`: the set, of the same size."""
     ours, empty = image.astype(np.float32), behind.plate.astype(np.float32)
-    empty *= match_exposure(ours, empty, behind.known)
+    known, doubtful = behind.known, behind.doubtful
+    empty *= match_exposure(ours, empty, known)
     difference = difference_evidence(ours, empty, settings)
-    if behind.known is None and behind.doubtful is None:  # a plate that is known to be empty needs no other clue
+    if known is None or doubtful is None:  # a plate that is known to be empty needs no other clue
         return smoothed(brightness(image), np.clip(difference, -LIMIT, LIMIT))
     own = _features(image)
     noise = np.clip(_in_noise([own - _features(np.clip(empty, 0, 255).astype(np.uint8))]), -0.5, 2.0)
@@ -52,10 +53,8 @@ def evidence_of(
         # Where the plate looks more like the performer than the image does, the plate is wrong.
         difference[(odds_of_colors(behind.colors, empty, 3.0) - colors > 1.0) & (difference > 0.0)] = 0.0
     equal = np.clip(difference, -1.0, 0.0)
-    if behind.known is not None:
-        equal[~behind.known] = 0.0
-    if behind.doubtful is not None:
-        equal[behind.doubtful] = np.maximum(equal[behind.doubtful], -0.5)
+    equal[~known] = 0.0
+    equal[doubtful] = np.maximum(equal[doubtful], -0.5)
     total = _PRIOR + 4 * _EQUAL * equal + _SET_COLOR * np.minimum(colors, 0.0) + _NOISE * noise
     if neighbors:
         still = _still(_in_noise([own - _features(other) for other in neighbors]))
