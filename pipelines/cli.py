@@ -13,8 +13,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import TextIO
 
+import pipelines.commands
 from pipelines.commands import completion
 from pipelines.commands.common.arguments import CommandParser, WrongUsage, long_settings_as_set, nearest, overrides
 from pipelines.events import Finished, as_message
@@ -35,12 +37,6 @@ GROUPS = {  # commands, in the order of `v3studio --help`
     "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
     "Research": ("compare", "ablate"),
 }
-
-_MODULES = (
-    "run", "status", "estimate", "queue", "work", "edit", "check", "open_window", "play", "serve", "share",
-    "export", "import_splats", "compare", "ablate", "config", "init", "board", "bakes", "models",
-)  # fmt: skip
-"""Of `pipelines.commands`, which register the commands."""
 
 _ABOUT = "Turn synchronized multi-camera footage of a performer into a streamable Gaussian video."
 
@@ -179,8 +175,9 @@ def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
     hidden = argparse.SUPPRESS  # the description lists the commands
     commands = parser.add_subparsers(required=True, metavar="COMMAND", help=hidden, prog=parser.prog)
-    for name in _MODULES:
-        import_module(f"pipelines.commands.{name}").register(commands)
+    for module in iter_modules(pipelines.commands.__path__):
+        if module.name not in ("common", "completion"):
+            import_module(f"pipelines.commands.{module.name}").register(commands)
     completion.register(commands, parser)
     for name, command in commands.choices.items():
         if name != "open":  # becomes another program

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, print_text
 from studio.counts import counted
@@ -100,8 +100,8 @@ def register(commands: Any) -> None:
         "number", type=int, nargs="?", metavar="NUMBER", help="number of a region or detail, from `v3studio edit list`"
     )
 
-    _kind(kinds, "undo", "undo the last change", partial(_step, "undone"))
-    _kind(kinds, "redo", "redo the last undone change", partial(_step, "redone"))
+    _kind(kinds, "undo", "undo the last change", partial(_step, "undo"))
+    _kind(kinds, "redo", "redo the last undone change", partial(_step, "redo"))
 
 
 def _kind(
@@ -279,14 +279,12 @@ def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import NAMES, change_edits, singular
+    from pipelines.takes.edits import change_edits, singular
     from studio.edits.edit_list import EditList
 
-    name = _MANY.get(arguments.name, arguments.name)
-    if name not in (*NAMES, "all"):
-        raise invalid_option(
-            "NAME", f"there is no edit named '{name}'", f"Choose one of {', '.join(NAMES)}, all.", name
-        )
+    name, known = _MANY.get(arguments.name, arguments.name), [*EditList.model_fields, "all"]
+    if name not in known:
+        raise invalid_option("NAME", f"there is no edit named '{name}'", f"Choose one of {', '.join(known)}.", name)
     if arguments.number is not None:
         if name not in _MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
             fix = f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers."
@@ -303,10 +301,10 @@ def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     return f"removed: {name if arguments.number is None else singular(f'{name} {arguments.number}')}"
 
 
-def _step(word: str, arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import redo_edit, undo_edit
+def _step(name: Literal["undo", "redo"], arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
+    from pipelines.takes.edits import step_edits
 
-    return f"{word}: {(undo_edit if word == 'undone' else redo_edit)(take.edits)[1]}"
+    return f"{name}ne: {step_edits(take.edits, name)}"
 
 
 def _change(take: Take, before: EditList, name: str, value: object) -> str:

@@ -100,7 +100,7 @@ def _share(arguments: argparse.Namespace) -> None:
 
     with working("share", arguments) as progress:
         shared = share(arguments.source, arguments.out, text, overwrite=arguments.overwrite, progress=progress)
-    arguments.result = shared.to_dict()
+    arguments.result = {**asdict(shared), "path": str(shared.path)}
     if arguments.json:
         return
     parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"

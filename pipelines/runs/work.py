@@ -15,8 +15,8 @@ from pipelines.events import Emit, RunStarted, StageFinished, StageStarted
 from pipelines.events.cancellation import Cancellation
 from pipelines.runs.finishing import finishing
 from pipelines.runs.out_of_memory import memory_errors
-from pipelines.runs.staleness import DONE, StageStatus, assess, not_ready
-from pipelines.stages import GROUP_STAGES, Stage, stage_named
+from pipelines.runs.staleness import DONE, StageStatus, assess_all, not_ready
+from pipelines.stages import GROUP_STAGES, STAGE_NAMES, STAGES, Stage, stage_named
 from pipelines.stages.group_scheduler import threads_of_groups
 from pipelines.stages.grouping import find_motion
 from pipelines.stages.inputs import Inputs
@@ -129,13 +129,10 @@ def _refuse_gaps(stage: Stage, inputs: Inputs, group: Group) -> None:
 
 
 def _status(name: str, inputs: Inputs, known: dict[str, StageStatus] | None = None) -> StageStatus:
-    """Status of a stage as a whole; only stages that it depends on are looked at."""
+    """Status of a stage as a whole; later stages are not looked at."""
     known = {} if known is None else known
     if name not in known:
-        stage = stage_named(name)
-        for dependency in stage.dependencies:
-            _status(dependency, inputs, known)
-        known[name] = assess(stage, inputs, known)
+        known |= assess_all(STAGES[: STAGE_NAMES.index(name) + 1], inputs)
     return known[name]
 
 

@@ -7,7 +7,7 @@ import os
 import re
 from base64 import b64encode
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Literal
@@ -21,7 +21,6 @@ from pipelines.share.stream_to_share import StreamToShare, stream_to_share
 from pipelines.takes.atomic_files import atomic_path, disk_errors
 from studio.atomic_files import remove_leftovers
 from studio.errors import StudioError
-from studio.json_types import JsonObject
 from studio.progress import ProgressFn, no_progress
 from studio.stream.manifest import MANIFEST_NAME
 from studio.stream.publish import Published
@@ -69,10 +68,6 @@ class Shared:
     stream_bytes: int
     player_bytes: int
     poster_bytes: int
-
-    def to_dict(self) -> JsonObject:
-        """JSON-ready."""
-        return {**asdict(self), "path": str(self.path)}
 
 
 def share_size(source: str) -> ShareSize:

@@ -58,9 +58,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
 
     plan, settings = BakePlan(inputs), inputs.config.bake
     if executor is not None:
-        todo = [group for group in inputs.groups if not group_done(inputs, group)]
-        if todo:
-            executor.run(STAGE, inputs, todo, reporter)
+        executor.run(STAGE, inputs, inputs.groups, reporter)
     plan.folder.mkdir(parents=True, exist_ok=True)
     notes, best = [], []
     for position, part in enumerate(plan.parts):

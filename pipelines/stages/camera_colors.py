@@ -37,12 +37,9 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str) -> N
 def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:
     from studio.capture.color_chart import fit_chart_colors, reasons
 
-    def tell(done: int, total: int, **figures: Any) -> None:
-        reporter.check()
-        reporter.progress(0.0, f"colors of cameras: chart in image {done} of {total}")
-
     footage = inputs.calibrated_footage
-    fit = fit_chart_colors(footage, frame, footage.train_cameras, tell)
+    searching = reporter.counting("colors of cameras: chart in image")
+    fit = fit_chart_colors(footage, frame, footage.train_cameras, searching)
     _write(inputs.take, key, frame, fit.matrices)
     for name in fit.matrices:
         reporter.log(
@@ -68,18 +65,12 @@ def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     from studio.training import fit_camera_colors
 
     group, footage = inputs.groups[0], inputs.calibrated_footage
-
-    def reading(number: int, images: int) -> None:
-        reporter.progress(0.0, f"colors of cameras: image {number} of {images}")
-
-    def tell(done: int, total: int, **figures: Any) -> None:
-        reporter.progress(0.0, f"colors of cameras: step {done} of {total}", **figures)
-
+    reading, fitting = reporter.counting("colors of cameras: image"), reporter.counting("colors of cameras: step")
     views: list[TrainingView] = training_views(
         inputs, reporter, group.keyframe, reading, inputs.threads, footage=footage, colored=False, detailed=False
     )
     seed = derived_seed(inputs.config.run.seed, "camera colors")
-    found = fit_camera_colors(views, *initial_points(inputs, group), inputs.config.train, seed=seed, progress=tell)
+    found = fit_camera_colors(views, *initial_points(inputs, group), inputs.config.train, seed=seed, progress=fitting)
     names = [view.camera.name for view in views]
     colors = _write(inputs.take, key, group.keyframe, dict(zip(names, found, strict=True)))
     _log_differences(reporter, colors)

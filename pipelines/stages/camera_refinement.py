@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -56,12 +56,7 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
 
     drop_refined_cameras(inputs)
     group, footage = inputs.groups[0], inputs.calibrated_footage
-
-    def reading(number: int, images: int) -> None:
-        reporter.progress(0.0, f"refining cameras: image {number} of {images}")
-
-    def show(done: int, total: int, **figures: Any) -> None:
-        reporter.progress(0.0, f"refining cameras: step {done} of {total}", **figures)
+    reading, refining = reporter.counting("refining cameras: image"), reporter.counting("refining cameras: step")
 
     def views(cameras: Sequence[str]) -> list[TrainingView]:
         seeing = [name for name in cameras if (footage.view(name, group.keyframe).mask > 127).any()]
@@ -73,7 +68,7 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
 
     trained, held_out = views(footage.train_cameras), views(footage.measured_cameras)
     points, seed = initial_points(inputs, group), derived_seed(inputs.config.run.seed, "camera refinement")
-    found = refine_cameras(trained, *points, inputs.config.train, held_out=held_out, seed=seed, progress=show)
+    found = refine_cameras(trained, *points, inputs.config.train, held_out=held_out, seed=seed, progress=refining)
     used = found.gain >= WORTH
     names = [view.camera.name for view in (*trained, *held_out)]
     corrections = dict(zip(names, (*found.corrections, *found.held_out), strict=True))

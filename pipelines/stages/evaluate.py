@@ -30,7 +30,6 @@ from studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from studio.capture import Footage
-    from studio.gaussians import Gaussians
     from studio.perceptual import Lpips
     from studio.stream import StreamReader
 
@@ -89,9 +88,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     baked = baked_frames(inputs)
     groups = [group for group in inputs.groups if set(group.indices) & set(baked)]
     if executor is not None:
-        todo = [group for group in groups if not group_done(inputs, group)]
-        if todo:
-            executor.run(STAGE, inputs, todo, reporter)
+        executor.run(STAGE, inputs, groups, reporter)
     measured: list[MeasuredGroup] = []
     with _reader(inputs) as reader:
         played_bytes, bytes_per_frame = reader.played_bytes, reader.played_bytes / reader.frame_count
@@ -257,7 +254,7 @@ def _measure(
             continue
         trained = edited.read(index)
         decoded = reader.gaussians(index - baked[0])
-        views: dict[str, dict[str, float]] = {}
+        views: dict[str, Quality] = {}
         residuals: dict[str, Residual] = {}
         for number, camera in enumerate(cameras):
             done = (position + number / len(cameras)) / len(group.frames)
@@ -268,15 +265,25 @@ def _measure(
                 continue
             pairs = {"trained": view.pair(trained), "decoded": view.pair(decoded)}
             residuals[camera] = pairs["decoded"].residual
-            views[camera] = {
-                f"{name}_{what}": value for what, pair in pairs.items() for name, value in measure(pair, lpips).items()
-            }
+            figures = {what: measure(pair, lpips) for what, pair in pairs.items()}
+            views[camera] = Quality(
+                **{f"{name}_{what}": value for what, found in figures.items() for name, value in found.items()}
+            )
             if index in shown and camera in cameras[:3]:
                 images = {"footage": pairs["decoded"].footage} | {what: pair.rendered for what, pair in pairs.items()}
                 samples.append(sample_images(f"frame {frame}, {camera}", images))
         if views:
-            row = _row(group, index, frame, views, sizes[index - baked[0]], trained)
-            row = row.model_copy(update={"flicker": flicker_of(before, residuals)})
+            row = FrameQuality(
+                index=index,
+                frame=int(frame),
+                group=group.index,
+                starts_group=index == group.first,
+                splats=len(trained),
+                bytes=round(sizes[index - baked[0]], 1),
+                **_means(views.values()),
+                flicker=flicker_of(before, residuals),
+                cameras=views,
+            )
             rows.append(row)
             reporter.metrics(row.measures, group=group.index, frame=frame)
         before = residuals
@@ -301,22 +308,6 @@ def _residuals(
         if view is not None:
             found[camera] = view.pair(decoded).residual
     return found
-
-
-def _row(
-    group: Group, index: int, frame: int, views: dict[str, dict[str, float]], size: float, trained: Gaussians
-) -> FrameQuality:
-    cameras = {name: Quality(**figures) for name, figures in views.items()}
-    return FrameQuality(
-        index=index,
-        frame=int(frame),
-        group=group.index,
-        starts_group=index == group.first,
-        splats=len(trained),
-        bytes=round(size, 1),
-        **_means(cameras.values()),
-        cameras=cameras,
-    )
 
 
 def _means(rows: Iterable[Quality]) -> dict[str, float]:

@@ -75,16 +75,14 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
     first = 0.3 if find_motion(inputs, reporter.part("finding groups", 0.0, 0.3)) else 0.0
     groups = inputs.groups
     check_rig(inputs, group_key(inputs, groups[0]), groups[0].keyframe, reporter)
-    todo = [group for group in groups if not group_done(inputs, group)]
-    if executor is not None and todo:
-        executor.run(STAGE, inputs, todo, reporter)
+    if executor is not None:
+        executor.run(STAGE, inputs, groups, reporter)
     counts = []
     for position, group in enumerate(groups):
         start, stop = (first + (1 - first) * (position + step) / len(groups) for step in (0, 1))
-        if group in todo and executor is None:
-            with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
-                if not group_done(inputs, group):
-                    _make(inputs, group, reporter, start, stop)
+        with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
+            if not group_done(inputs, group):
+                _make(inputs, group, reporter, start, stop)
         report = read_model(inputs.take.initialize_group(group.index) / "report.json", InitialPointsReport)
         counts.append(report.faces)
     inputs.take.keep_groups(STAGE.name, len(groups))

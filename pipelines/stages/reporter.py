@@ -160,6 +160,14 @@ class StageReporter:
 
         return report
 
+    def counting(self, label: str) -> ProgressFn:
+        """A progress callback for what is done before the clock starts, in words: "LABEL 3 of 20"."""
+
+        def report(done: int, total: int, **figures: JsonData) -> None:
+            self.progress(0.0, f"{label} {done} of {total}", **figures)
+
+        return report
+
     def _emit(self, event: Event) -> None:
         with self._lock:
             self.emit(event)

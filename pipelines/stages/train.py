@@ -86,7 +86,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> T
         written = (lambda group: None) if live is None else live.written
         if executor is None:
             _train_groups(inputs, reporter, todo, groups_at_once(inputs), written=written, lock=True)
-        elif todo:
+        else:
             executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index))
     trained = []
     for group in groups:

@@ -6,7 +6,7 @@ neither loses what the other wrote.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -90,18 +90,10 @@ def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | N
         return _write(path, EditsFile(edits=edits, undo=(*found.undo, step)[-MOST_STEPS:]))
 
 
-def undo_edit(path: Path) -> tuple[EditsFile, str]:
-    """Take the last change back; returns the file and what was undone. Raises StudioError: `take.nothing_to_undo`."""
-    return _step(path, "undo", "redo")
-
-
-def redo_edit(path: Path) -> tuple[EditsFile, str]:
-    """Make the change that was undone last again; see `undo_edit`. Raises StudioError: `take.nothing_to_redo`."""
-    return _step(path, "redo", "undo")
-
-
-def _step(path: Path, name: str, back: str) -> tuple[EditsFile, str]:
-    """Go one step, of `undo` or `redo`; the other one leads `back`."""
+def step_edits(path: Path, name: Literal["undo", "redo"]) -> str:
+    """Take the last change back, or make the one that was undone last again; returns what that was. Raises StudioError:
+    `take.nothing_to_undo`, `take.nothing_to_redo`."""
+    back = "undo" if name == "redo" else "redo"
     with changing(path):
         found = read_edits_file(path)
         steps: tuple[Step, ...] = getattr(found, name)
@@ -109,7 +101,8 @@ def _step(path: Path, name: str, back: str) -> tuple[EditsFile, str]:
             raise StudioError(f"take.nothing_to_{name}", f"there is no edit to {name}", file=path, fix=_SHOW)
         step = steps[-1]
         kept = (*getattr(found, back), Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
-        return _write(path, EditsFile.model_validate({"edits": step.edits, name: steps[:-1], back: kept})), step.words
+        _write(path, EditsFile.model_validate({"edits": step.edits, name: steps[:-1], back: kept}))
+        return step.words
 
 
 def _write(path: Path, file: EditsFile) -> EditsFile:
@@ -148,10 +141,6 @@ def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
     return {f"{PREFIX}{name}": values[name] for name in chosen if values[name] not in (None, [])}
 
 
-NAMES = ("trim", "crop", "ground", "floaters", "regions", "world", "details")
-"""Edits, in the order in which they are listed."""
-
-
 def frame_of(take: Take) -> Similarity:
     """From the world of the take's cameras to its own frame; the identity if it has no cameras yet."""
     return own_frame(read_rig(take.rig)) if take.rig.is_file() else Similarity()
@@ -171,7 +160,7 @@ def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]
         origin = frame.inverse.points(np.array(edits.world.origin)).tolist()
         edits = edits.model_copy(update={"world": edits.world.model_copy(update={"origin": tuple(origin)})})
     found: dict[str, str] = {}
-    for name in NAMES:
+    for name in EditList.model_fields:
         value = getattr(edits, name)
         if isinstance(value, tuple):
             found |= {f"{name} {number}": words_of(one, placed) for number, one in enumerate(value, 1)}

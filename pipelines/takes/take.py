@@ -183,12 +183,9 @@ class Take:
         return self.train_group(group) / "joint.checkpoint"
 
     def splat_offsets(self, group: int, rung: str) -> Path:
-        """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000"."""
+        """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000". Beside it, a checkpoint
+        with the suffix ".checkpoint" until that is finished."""
         return self.train_group(group) / f"offsets_{rung}.safetensors"
-
-    def splat_offsets_checkpoint(self, group: int, rung: str) -> Path:
-        """Checkpoint of that fine-tuning; deleted when it is finished."""
-        return self.train_group(group) / f"offsets_{rung}.checkpoint"
 
     def record(self, stage: str) -> Path:
         """Record of a finished stage; absent until it finishes."""

@@ -86,7 +86,7 @@ class RungTraining:
         if found is None:
             found = self._train(group, rung, key, reporter, progress).to_tensors()
             write_tensors(path, found, FrameMetadata(key=key, group=group.index))
-            remove(self._inputs.take.splat_offsets_checkpoint(group.index, name_of(rung)))
+            remove(path.with_suffix(".checkpoint"))
         return SplatOffsets.from_tensors(found)
 
     def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
@@ -96,7 +96,7 @@ class RungTraining:
         from studio.training.offsets import train_offsets
 
         inputs = self._inputs
-        checkpoint = inputs.take.splat_offsets_checkpoint(group.index, name_of(rung))
+        checkpoint = inputs.take.splat_offsets(group.index, name_of(rung)).with_suffix(".checkpoint")
 
         def keep(step: int, state: dict[str, Tensor]) -> None:
             write_tensors(checkpoint, state, FrameMetadata(key=key, step=step, group=group.index))

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.edits import MOST_STEPS, change_edits, describe, read_edits, read_edits_file, redo_edit, undo_edit
+from pipelines.takes.edits import MOST_STEPS, change_edits, describe, read_edits, read_edits_file, step_edits
 from studio.edits.edit_list import CropBox, DetailMark, EditList, Ground, Trim, World
 from tests.support.errors import refuses
 
@@ -15,19 +15,19 @@ def test_changes_are_undone_and_made_again(tmp_path: Path) -> None:
     path = tmp_path / "edits.json"
     assert read_edits(path) == EditList()
     with refuses("take.nothing_to_undo"):
-        undo_edit(path)
+        step_edits(path, "undo")
     assert not path.exists()
     change_edits(path, trimmed(3), "trim to 3", EditList())
     change_edits(path, trimmed(3), "the same")
     change_edits(path, trimmed(5), "trim to 5", trimmed(3))
-    assert undo_edit(path)[1] == "trim to 5"
-    assert undo_edit(path)[1] == "trim to 3"
+    assert step_edits(path, "undo") == "trim to 5"
+    assert step_edits(path, "undo") == "trim to 3"
     assert read_edits(path) == EditList()
-    redo_edit(path)
+    step_edits(path, "redo")
     assert read_edits(path) == trimmed(3)
     change_edits(path, trimmed(7), "trim to 7")
     with refuses("take.nothing_to_redo"):
-        redo_edit(path)
+        step_edits(path, "redo")
     with refuses("take.edits_changed"):
         change_edits(path, trimmed(8), "trim to 8", trimmed(3))
     for last in range(MOST_STEPS + 10):

@@ -84,12 +84,12 @@ class FakeRay:
 
 
 class Bake:
-    """A stage whose groups are done as soon as their task has returned."""
+    """A stage whose groups are not done at first, and as soon as their task has returned."""
 
     name, renders = "bake", True
 
     def __init__(self) -> None:
-        self.there = True
+        self.there, self.asked = True, set()
 
     @property
     def group_code(self) -> Any:
@@ -99,7 +99,8 @@ class Bake:
         return f"key {group.index}"
 
     def group_done(self, inputs: Any, group: Any) -> bool:
-        return self.there
+        first, self.asked = group.index not in self.asked, self.asked | {group.index}
+        return self.there and not first
 
 
 @pytest.fixture(autouse=True)
