@@ -33,10 +33,7 @@ class SoundDevice:
         """Begin to call `fill`; StudioError (`sound.unavailable`) if PortAudio or an output device is missing."""
         try:
             import sounddevice
-        except ImportError:
-            problem = "the package sounddevice is missing"
-            raise StudioError("sound.unavailable", problem, fix="Install it: pip install sounddevice.") from None
-        except OSError:  # the package is there, the library is not
+        except OSError:
             problem = "PortAudio is missing"
             raise StudioError("sound.unavailable", problem, fix="Install it: apt install libportaudio2.") from None
 
