@@ -18,6 +18,7 @@ def test_frames_in_any_order_are_the_ones_that_were_baked(stream):
 
 
 def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
+    monkeypatch.setattr(stream_frames, "RETRY_SECONDS", 1e9)
     file = opacity_file(stream, 1)
     content = file.read_bytes()
     file.unlink()
