@@ -19,8 +19,6 @@ from studio.counts import listed, size_words
 from studio.errors import StudioError
 from studio.stream import is_address
 
-Sizes = tuple[int | None, int | None]  # `Card.stream_bytes` and `Card.total_bytes`
-
 
 @dataclass(frozen=True)
 class Card:
@@ -63,8 +61,8 @@ def date_words(when: float | None) -> str:
         return ""
 
 
-def describe(place: str, sizes: Sizes | None = None) -> Card:
-    """Read what a card shows. Of a URL nothing is fetched. `sizes`: measured lately; None to measure."""
+def describe(place: str) -> Card:
+    """Read what a card shows. Of a URL nothing is fetched."""
     if is_address(place):
         return Card(place, "web", "stream on the web")
     path = Path(place)
@@ -72,7 +70,7 @@ def describe(place: str, sizes: Sizes | None = None) -> Card:
         return Card(place, "missing", "missing: moved or deleted", "failed")
     if (path / "take.json").is_file():
         try:
-            return _take(Take.open(path), sizes)
+            return _take(Take.open(path))
         except StudioError as error:
             return Card(place, "damaged", str(error.message.problem), "failed", _newest([path]))
     if (path / "manifest.json").is_file() or path.suffix.lower() == ".v3s":
@@ -81,17 +79,14 @@ def describe(place: str, sizes: Sizes | None = None) -> Card:
     return Card(place, "damaged", "neither a take nor a stream any more", "failed", _newest([path]))
 
 
-def _take(take: Take, sizes: Sizes | None) -> Card:
+def _take(take: Take) -> Card:
     changed = _newest([take.config, take.log, take.stream / "manifest.json", take.evaluation, take.private / "stages"])
-    running = take.running() is not None
-    if not running or sizes is None or sizes[1] is None:
-        stream = folder_bytes(take.stream) if take.has_stream else None
-        sizes = (stream, folder_bytes(take.root))
+    sizes = (folder_bytes(take.stream) if take.has_stream else None, folder_bytes(take.root))
     quality = None
     with contextlib.suppress(StudioError):
         if take.evaluation.is_file():
             quality = read_evaluation(take.evaluation).summary.measures.get(f"{MAIN.name}_decoded")
-    if running:
+    if take.running() is not None:
         return Card(str(take.root), "take", progress(take)[0], "running", changed, quality, *sizes)
     try:
         state, tone = state_words(runner.status(take, load_config(take.config)))

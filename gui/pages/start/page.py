@@ -10,14 +10,11 @@ from gui.drawing.areas import Box
 from gui.models.loop import Signal
 from gui.models.take.take_queue import TakeQueue
 from gui.models.worker import Done, LatestWorker
-from gui.pages.start.cards import Card, Sizes, describe, fingerprint
+from gui.pages.start.cards import Card, describe, fingerprint
 from gui.pages.start.thumbnail import thumbnail
 from studio.stream import is_address
 
-LOOK_EVERY = 2.0  # seconds between two looks at a card's files
-
-MEASURE_EVERY = 60.0
-"""Seconds between two measurements of the size of a take that is running: all its files are looked at."""
+LOOK_EVERY = 3.0  # seconds between two looks at a card's files
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,6 @@ class _Request:
     place: str
     known: object = None
     picture: bool = False
-    sizes: Sizes | None = None
 
 
 _Facts = tuple[object, Card | None] | np.ndarray | None  # a stamp, and a card unless nothing has changed; or an image
@@ -35,7 +31,7 @@ def _look(request: _Request) -> _Facts:
     if request.picture:
         return thumbnail(request.place)
     stamp = "web" if is_address(request.place) else fingerprint(request.place)
-    return stamp, None if stamp == request.known else describe(request.place, request.sizes)
+    return stamp, None if stamp == request.known else describe(request.place)
 
 
 class StartPage:
@@ -52,7 +48,6 @@ class StartPage:
         self.focus, self.back = "new", ""
         self._stamps: dict[str, object] = {}
         self._looked: dict[str, float] = {}
-        self._measured: dict[str, float] = {}
         self._pictured: dict[str, object] = {}
         self._worker: LatestWorker[_Request, _Facts] = LatestWorker(_look, "v3studio start", self._found)
         self._asked: _Request | None = None
@@ -61,7 +56,7 @@ class StartPage:
         """Read the cards and images that are missing or may have changed, the newest first, one by one on a thread."""
         if tuple(places) != self.places:
             self.places = tuple(places)
-            for known in (self.cards, self.pictures, self._stamps, self._looked, self._measured, self._pictured):
+            for known in (self.cards, self.pictures, self._stamps, self._looked, self._pictured):
                 for gone in set(known) - set(places):
                     del known[gone]
             self.changed.emit()
@@ -90,7 +85,7 @@ class StartPage:
         now = time.monotonic()
         for place in self.places:
             if place not in self.cards:
-                self._looked[place] = self._measured[place] = now
+                self._looked[place] = now
                 return _Request(place)
         for place in self.places:
             card = self.cards[place]
@@ -101,11 +96,7 @@ class StartPage:
         for place in self.places:
             if now >= self._looked.get(place, now) + LOOK_EVERY:
                 self._looked[place] = now
-                if now >= self._measured.get(place, now) + MEASURE_EVERY:
-                    self._measured[place] = now
-                    return _Request(place, self._stamps.get(place))
-                card = self.cards[place]
-                return _Request(place, self._stamps.get(place), sizes=(card.stream_bytes, card.total_bytes))
+                return _Request(place, self._stamps.get(place))
         return None
 
     @property
