@@ -18,11 +18,8 @@ class Sorting:
     descending: bool = False
 
     def clicked(self, column: str) -> Sorting:
-        """After a click on a title: figures highest first, names lowest first; then the other way; then unsorted."""
-        first = Sorting(column, column != CAMERA)
-        if self.column != column:
-            return first
-        return Sorting(column, not first.descending) if self == first else Sorting()
+        """After a click on a title: figures highest first, names lowest first; then the other way."""
+        return Sorting(column, not self.descending if column == self.column else column != CAMERA)
 
     def order(self, names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> list[int]:
         """Indices of the rows in order; those without a figure come last, equal ones stay as they are."""

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.compare import label
+from gui.drawing.compare import boxes
 from gui.drawing.lanes import draw_lanes
-from gui.drawing.palette import DIM, GROUND, RAISED
+from gui.drawing.palette import DIM, GROUND, RAISED, TEXT
 from gui.drawing.plots import curve, legend
 from gui.models.scene.compose import draw
 from gui.models.stages import performer_over
@@ -85,7 +85,6 @@ class TrainView(StageView):
     def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
         """The newest render beside its footage, right of `left`."""
         em, small = self.em, round(0.85 * self.em)
-        height = canvas.height - top - 1.2 * em - line_height(small)
         whole = canvas.width - left
         try:
             words, render, footage = self._newest()
@@ -94,23 +93,17 @@ class TrainView(StageView):
             canvas.text(left + em, top + em, words[:1].upper() + words[1:], small, DIM, width=whole - 2 * em)
             return
         canvas.text(left + em, top, words, small, DIM, width=whole - 2 * em)
-        y = top + line_height(small)
-        beside = ((whole - 3 * em) / 2, height)
-        stacked = (whole - 2 * em, (height - 0.5 * em) / 2)
-        width, height = max(
-            (beside, stacked), key=lambda size: min(size[0], size[1] * render.shape[1] / render.shape[0])
-        )
-        beside_each_other = (width, height) == beside
-        height = min(height, width * render.shape[0] / render.shape[1])  # the images are right below their caption
-        across, down = (width + em, 0.0) if beside_each_other else (0.0, height + 0.5 * em)
-        for number, (name, picture) in enumerate((("footage", footage), ("trained", render))):
-            x, y = left + em + number * across, y + number * down
+        top, below = top + line_height(small), line_height(small)
+        room = (round(whole - 2 * em), round(canvas.height - top - em))
+        cells = boxes(room, 2, render.shape[1] / render.shape[0], below)
+        for (name, picture), box in zip((("footage", footage), ("trained", render)), cells, strict=True):
+            x, y, high = left + em + box.x, top + box.y, box.height - below
             if picture is None:
-                canvas.rect(x, y, width, height, RAISED)
-                canvas.text(x + em, y + em, "footage cannot be read", small, DIM)
-                continue
-            edge, upper, _, _ = canvas.fit_image(x, y, width, height, picture)
-            label(canvas, edge + 6, upper + 6, name, size=round(0.88 * self.em))
+                canvas.rect(x, y, box.width, high, RAISED)
+                name = "footage cannot be read"
+            else:
+                canvas.fit_image(x, y, box.width, high, picture)
+            canvas.text(x + box.width / 2, y + high + 2, name, small, TEXT, "middle", box.width)
 
     def _newest(self) -> tuple[str, np.ndarray, np.ndarray | None]:
         """Caption, latest render from a held-out camera, and the camera's footage."""

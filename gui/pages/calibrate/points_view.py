@@ -44,7 +44,7 @@ class PointsView(StageView):
         self._changes = 0
         self._scroll = 0
         self._refused: tuple[Path, int] | None = None  # a damaged file is read only once
-        self._rig: tuple[object, Rig | None] = (None, None)
+        self._rigs: MemoryCache[Hashable, Rig | None] = MemoryCache(1)
         self._footage: tuple[Inputs | None, tuple[str, ...]] = (None, ())
 
     # What it depends on
@@ -177,16 +177,14 @@ class PointsView(StageView):
         take, context = self.workspace.take, self.workspace.context
         if take is None or context is None or not take.rig.is_file():
             return None
-        stamp = (context, take.rig.stat().st_mtime_ns)
-        if stamp != self._rig[0]:
-            footage = context.raw_footage
-            rig = read_rig(take.rig)
-            fits = all(
-                name in rig and footage.raw_size(name) == (rig[name].width, rig[name].height)
-                for name in footage.camera_names
-            )
-            self._rig = (stamp, rig if fits else None)
-        return self._rig[1]
+        footage, rig_file = context.raw_footage, take.rig
+
+        def read(_: Hashable) -> Rig | None:
+            rig = read_rig(rig_file)
+            sizes = {camera.name: (camera.width, camera.height) for camera in rig}
+            return rig if all(footage.raw_size(name) == sizes.get(name) for name in footage.camera_names) else None
+
+        return self._rigs.get_or_make((context, modified(rig_file)), read)
 
     # User actions
 

@@ -277,10 +277,8 @@ class CalibrateView(OrbitView):
             width = canvas.text(end, y, title, size, TEXT if chosen else DIM, align="right")
             places.append((title, rectangle(end - width - 0.4 * self.em, y, width + 0.8 * self.em, line_height(size))))
             if chosen:
-                half, drop = 0.25 * self.em, 0.13 * self.em * (1 if self._sorting.descending else -1)
-                x, middle = end - width - 3 * half if title != CAMERA else end + 3 * half, y + 0.6 * line_height(size)
-                tip = [(x - half, middle - drop), (x, middle + drop), (x + half, middle - drop)]
-                canvas.line(tip, TEXT, max(1, round(0.1 * self.em)))
+                x = end + 0.2 * self.em if title == CAMERA else end - width - self.em
+                canvas.icon(x, y + 0.3 * self.em, f"row {'down' if self._sorting.descending else 'up'}", 0.8 * self.em)
         return places
 
     def click(self, x: float, y: float) -> None:

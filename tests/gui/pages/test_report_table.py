@@ -12,13 +12,11 @@ COLUMNS["matches fit"] = ["98% of 611", "", "100% of 8", "9% of 805"]
     [
         (["error px"], ["cam1", "cam10", "cam3", "cam2"]),
         (["error px"] * 2, ["cam10", "cam3", "cam1", "cam2"]),
-        (["error px"] * 3, NAMES),
         (["coverage"], ["cam3", "cam10", "cam1", "cam2"]),
         (["error px", "coverage", "coverage"], ["cam1", "cam10", "cam3", "cam2"]),
         (["matches fit"], ["cam1", "cam10", "cam3", "cam2"]),
         (["camera"], ["cam1", "cam2", "cam3", "cam10"]),
         (["camera"] * 2, ["cam10", "cam3", "cam2", "cam1"]),
-        (["camera"] * 3, NAMES),
         (["focal px"], NAMES),
     ],
 )

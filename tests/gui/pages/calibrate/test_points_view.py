@@ -97,7 +97,7 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     assert [point.name for point in stage_view.marks.points] == ["a name from an editor"]
     stage_view.path.write_text("points: [")
     picture(stage_view)
-    assert "points.yaml: invalid YAML at line 1" in stage_view.status
+    assert "points.yaml: invalid YAML (line 1" in stage_view.status
     stage_view.click(500, 300)
     assert stage_view.path.read_text() == "points: ["  # it is not overwritten
     stage_view.path.write_text(text)
