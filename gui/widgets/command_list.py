@@ -59,13 +59,6 @@ class CommandList:
         at = min(max(self.at + rows, 0), max(len(self.found) - 1, 0))
         return CommandList(self.found, at, min(max(self.first, at - ROWS + 1), at))
 
-    @property
-    def more(self) -> str:
-        """How many commands are above and below those in the image, in words; "" if none are."""
-        counts = {"above": self.first, "below": max(len(self.found) - self.first - ROWS, 0)}
-        words = [f"{count} {where}" for where, count in counts.items() if count]
-        return " and ".join(words).replace(" ", " more ", 1)
-
     def row_at(self, y: float, height: float) -> int | None:
         """The command at a row of pixels of an image so high; None if there is none."""
         row = self.first + int(y * ROWS // max(height, 1))

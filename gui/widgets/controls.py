@@ -54,7 +54,6 @@ class ControlsPanel:
         hint = "Free view or a capture camera (C: next camera)"
         self._camera = self._list("camera", (), hint, self._look_through, right=True)
         self._cameras: dict[str, str] = {}  # labels in the list by camera
-        self._sound_hint = ""
         for widget in (self._volume, self._camera):
             widget.visible = False  # until there is something to choose
         self._button("Fit timeline", "Show all frames on the timeline", fit, "fit")
@@ -98,17 +97,6 @@ class ControlsPanel:
         if self._player.audio is not None:
             self._player.audio.volume = VOLUMES[name]
 
-    def _update_volume(self) -> bool:
-        audio = self._player.audio
-        tooltip = SOUND if audio is None else audio.message or SOUND
-        volume = 0.0 if audio is None else audio.volume
-        name = min(VOLUMES, key=lambda one: abs(VOLUMES[one] - volume))
-        changed = self._volume.selected_text != name or self._sound_hint != tooltip
-        if changed:
-            self._volume.selected_text, self._sound_hint = name, tooltip
-            self._hint(self._volume, tooltip)
-        return changed
-
     def update(self, free: bool) -> tuple[bool, bool]:
         """Show the state of the player; return (whether a widget changed, whether a layout is due). `free`: what is on
         screen has a free view, also if it begins where a camera is."""
@@ -126,7 +114,8 @@ class ControlsPanel:
         changed |= put(self._loop, checked=transport.loop) | put(self._speed, selected_text=speed)
         if self._camera.number_of_items:
             changed |= put(self._camera, selected_text=labels.get("" if free else player.camera, FREE))
-        changed |= self._update_volume()
+        volume = player.audio.volume if player.audio is not None else 0.0
+        changed |= put(self._volume, selected_text=min(VOLUMES, key=lambda name: abs(VOLUMES[name] - volume)))
         # what cannot be used takes no room: in a narrow window it would cost a line
         layout |= put(self._volume, visible=player.audio is not None) | put(self._camera, visible=bool(labels))
         for widget in self.buttons.values():

@@ -12,13 +12,13 @@ class Flow:
     def __init__(self, gap: float, line: float) -> None:
         self.widget = gui.Widget()
         self._gap, self._line = gap, line
-        self._items: list[tuple[gui.Widget, float, bool, float | None]] = []
+        self._items: list[tuple[gui.Widget, float, bool]] = []
 
-    def add(self, widget: gui.Widget, before: float = 0.0, right: bool = False, width: float | None = None) -> None:
+    def add(self, widget: gui.Widget, before: float = 0.0, right: bool = False) -> None:
         """Append a widget, `before` extra pixels after the previous one: it begins a group, see `flow_lines`. `right`:
         right-align it and all later ones if there is room."""
         self.widget.add_child(widget)
-        self._items.append((widget, before, right, width))
+        self._items.append((widget, before, right))
 
     def height(self, width: float, context: gui.LayoutContext) -> float:
         """Height in pixels at this width."""
@@ -42,12 +42,12 @@ class Flow:
     def _lines(self, width: float, context: gui.LayoutContext) -> list[list[tuple[gui.Widget, float, float, bool]]]:
         """Each line's widgets with their left end, width, and whether they are right-aligned."""
         # hidden ones count, so that the others keep their places
-        at_right = np.logical_or.accumulate([right for _, _, right, _ in self._items])
+        at_right = np.logical_or.accumulate([right for _, _, right in self._items])
         right = [bool(one) for one, item in zip(at_right, self._items, strict=True) if item[0].visible]
         shown = [item for item in self._items if item[0].visible]
         free = gui.Widget.Constraints()
-        wides = [min(fixed or widget.calc_preferred_size(context, free).width, width) for widget, _, _, fixed in shown]
-        lines = flow_lines(wides, [before for _, before, _, _ in shown], width, self._gap)
+        wides = [min(widget.calc_preferred_size(context, free).width, width) for widget, _, _ in shown]
+        lines = flow_lines(wides, [before for _, before, _ in shown], width, self._gap)
         return [[(shown[at][0], left, wides[at], right[at]) for at, left in line] for line in lines]
 
 

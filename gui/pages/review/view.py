@@ -174,17 +174,11 @@ class EditView(OrbitView):
     def _remove(self) -> None:
         """Remove what is selected; ask first in which frames if it was drawn and there are several groups."""
         edits = self.pending
-        if edits is None:
-            self._refuse("Nothing is selected. Draw with the lasso or the brush, or choose Floaters.")
-            return
-        if edits == self.edits:
-            self._refuse("That is removed already. Change it with Numbers.")
+        if edits is None or self.idle_buttons:
+            self._refuse("Nothing is selected.")
             return
         if not self._draws:
             self.commit(edits, self.tool)
-            return
-        if self.settled and not self.counts.get("selected"):
-            self._refuse("Nothing is selected in this group. Select splats first.")
             return
         *starts, count = self._group_ends()
         drawn = self.numbers.index(edits.regions[-1].drawn or 0) or 0

@@ -27,7 +27,6 @@ class CommandDialog:
         self._list = CommandList(())
         self._drawn: object = None
         self._picture: ImagePanel | None = None
-        self._hint = gui.Label("")
         self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
         self._pressed: Command | None = None  # by the mouse
         self._moved: set[int] = set()  # steps of keys whose press has counted
@@ -41,10 +40,9 @@ class CommandDialog:
         edit.set_on_text_changed(self._type)
         self._width = min(round(WIDTH * dialogs.em), dialogs.room)
         picture = self._picture = ImagePanel(self._on_mouse, self._images)
-        hint = self._hint = dialogs.label("")
         self.update()  # before it is shown, as the dialog does not resize
         answers = [("run", "Run", self._enter), ("close", "Cancel", dialogs.close)]
-        dialogs.show(NAME, "Commands", [edit, picture.widget, hint], answers, 40, self._enter)
+        dialogs.show(NAME, "Commands", [edit, picture.widget, dialogs.label(KEYS)], answers, 40, self._enter)
         dialogs.widgets["line"] = edit
         dialogs.widgets["list"] = picture.widget
         dialogs.pictures, dialogs.on_key, dialogs.on_press = [picture], self._key, self._press
@@ -64,8 +62,6 @@ class CommandDialog:
             return False
         self._drawn = self._list
         self._picture.show(self._list.image(self._width, self._dialogs.em))
-        more = self._list.more
-        self._hint.text = f"{more}. {KEYS}" if more else KEYS
         return True
 
     def tick(self) -> bool:
