@@ -7,7 +7,6 @@ from gui.models.playback.player import PlayerPresenter
 from gui.models.playback.viewpoint import Rest
 from gui.models.scene.contents import PARTS
 from gui.models.scene.gizmo import along
-from gui.models.scene.orbit import OrbitCamera
 from gui.models.stage_rows import TITLES
 from gui.models.take.workspace import Workspace
 from gui.pages.bake.view import BakeView
@@ -46,11 +45,10 @@ class StageViews:
         self.points = PointsView(workspace)
         views = (self.points, CameraColorsView(workspace))
         self._by_mode: dict[str, StageView] = {mode: view for view in views for mode in view.modes}
-        self.editor = EditView(workspace)
+        self.editor = EditView(workspace, player)
         self.editing = False  # whether Review shows the edits
         self._edits = EditList()  # before the changes since they are on screen
         self.stage = "review"
-        self._looks: tuple[OrbitCamera | None, OrbitCamera | None] = (None, None)
         self._numbered: tuple[object, ...] = (None, None, None)
         self._newest = NewestImage()
         self._rest = Rest()
@@ -96,8 +94,7 @@ class StageViews:
         player.transport.pause()
         self.stage = "review"
         self.editing, self._edits = True, self.editor.edits
-        self.editor.begin(player.orbit, player.home, player.opened.up, player.opened.reach)
-        self._looks = (player.orbit, player.orbit)
+        self.editor.choose_tool("look")
         self.show_again()
 
     def leave_edits(self) -> bool:
@@ -110,8 +107,6 @@ class StageViews:
         self.editing = False
         if self.editor.edits != self._edits and self.player.what == "decoded":
             self.player.choose("trained")  # the stream was baked before these edits
-        if self.editor.orbit is not None:
-            self.player.orbit = self.editor.orbit
         self.show_again()
         return True
 
@@ -236,29 +231,13 @@ class StageViews:
         """What the chosen image is an image of."""
         return self.player.label if self.shows_player else (self.row, self.stage_view and self.stage_view.mode)
 
-    def _follow_camera(self) -> None:
-        """Leave a capture camera, as in Review, once the edits' view is not its own any more; if another one is chosen
-        over the edits, look from there. The free view is the edits' own."""
-        player, editor = self.player, self.editor
-        seen, orbit = self._looks
-        if player.orbit is not seen:
-            editor.orbit = player.orbit
-        elif player.camera and editor.orbit is not orbit:
-            player.look_through("")
-        if not player.camera and editor.orbit is not None:
-            player.orbit = editor.orbit
-        self._looks = (player.orbit, editor.orbit)
-
     def _poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
         stage_view = self.stage_view
         self.player.on_screen = stage_view is None
         self._number_frames()
-        if self.edits_take:
-            self._follow_camera()
-            self.editor.background = self.player.background
-            self.player.context = self.workspace.context  # whose edits the inspector asks
-        if stage_view is None:
+        if self.stage == "review":
             self.player.context = self.workspace.context
+        if stage_view is None:
             found = self.workspace.assessment
             self.player.filmed_groups = found.group_starts if found.numbers else ()
             wanted = size if self.player.rests(size) else render_size

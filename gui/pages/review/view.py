@@ -13,7 +13,7 @@ from gui.drawing.canvas import Canvas, wrapped
 from gui.drawing.palette import ACCENT, DIM, FAIR, TEXT
 from gui.models.history import Change
 from gui.models.loop import Signal
-from gui.models.playback.viewpoint import BACKGROUNDS
+from gui.models.playback.viewpoint import BACKGROUNDS, Viewpoint
 from gui.models.scene.compose import SplatLayer, draw_layer
 from gui.models.scene.contents import Lines, axis_lines, box_lines, grid_lines
 from gui.models.scene.handles import (
@@ -35,7 +35,7 @@ from gui.pages.review.frame import EditedFrame
 from gui.pages.review.histogram import HistogramPlace, draw_histogram
 from gui.pages.review.picture import Stroke
 from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
-from gui.pages.stage_view import OrbitView, Size
+from gui.pages.stage_view import Size, StageView
 from pipelines.takes.edits import change_edits, describe
 from pipelines.takes.frame_numbers import FrameNumbers
 from pipelines.takes.take import Take
@@ -69,11 +69,12 @@ class _State:
     em: float
 
 
-class EditView(OrbitView):
-    """See the module."""
+class EditView(StageView):
+    """See the module. `viewpoint`: of Review, from where the edits are seen, but always in the free view."""
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: Workspace, viewpoint: Viewpoint) -> None:
         super().__init__(workspace)
+        self.viewpoint = viewpoint
         # emitted with the frames of the group in which splats are selected, to ask for those in which they are to be
         # removed (`remove_selected`)
         self.range_wanted: Signal[[range]] = Signal()
@@ -82,10 +83,8 @@ class EditView(OrbitView):
         self.clicks: tuple[tuple[float, ...], ...] = ()  # picked points, world
         # emitted with two points, whose distance gives the scale
         self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
-        self.background = "dark"
         self.refusal: Signal[[str]] = Signal()  # emitted with why a change is refused, or what to do
         self.numbers = FrameNumbers()
-        self.captured_up = np.array([0.0, 0.0, 1.0])  # (3,) up of the capture
         self.brush = BRUSH  # radius of the brush, relative to the height of the image
         # where the pointer is over the image, relative to its width and height; None elsewhere
         self.pointer: tuple[float, float] | None = None
@@ -99,7 +98,7 @@ class EditView(OrbitView):
         self._size: Size = (960, 540)
         self._edited = EditedFrame()
         self._proposed: Floaters | None = None
-        self._seen = self._reach = np.zeros((0, 3))
+        self._seen = np.zeros((0, 3))
         self.counts: dict[str, int] = {}
 
     # What is edited
@@ -116,12 +115,8 @@ class EditView(OrbitView):
     @property
     def up(self) -> np.ndarray:
         """(3,) up in the world of the capture."""
-        return up_of(self.edits, self.captured_up)
-
-    def begin(self, orbit: OrbitCamera, home: OrbitCamera, up: np.ndarray, reach: np.ndarray) -> None:
-        """Begin to edit in a view. `reach`: (N, 3) points of the performer in frames spread over the take."""
-        self.captured_up, self.orbit, self.home, self._reach = up, orbit, home, reach
-        self.choose_tool("look")
+        opened = self.viewpoint.opened
+        return up_of(self.edits, opened.up if opened is not None else np.array([0.0, 0.0, 1.0]))
 
     def choose_tool(self, tool: str) -> None:
         """Take another tool; what was selected but not removed is let go."""
@@ -135,7 +130,9 @@ class EditView(OrbitView):
 
     def _suggest(self) -> bool:
         """Begin with a box around the performer, a plane under the feet, limits of floaters. Returns whether it did."""
-        edits, points = self.edits, np.concatenate([self._seen, self._reach])
+        edits, points, opened = self.edits, self._seen, self.viewpoint.opened
+        if opened is not None:
+            points = np.concatenate([points, opened.reach])
         if self.pending is not None:
             return False
         if self.tool == "crop" and edits.crop is None and len(points):
@@ -250,8 +247,24 @@ class EditView(OrbitView):
 
     # Gestures
 
+    @property
+    def orbits(self) -> bool:
+        return True
+
+    def _free_view(self) -> Viewpoint:
+        """The viewpoint, which has left a capture camera."""
+        if self.viewpoint.camera:
+            self.viewpoint.look_through("")
+        return self.viewpoint
+
+    def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
+        self._free_view().drag(dx, dy, turn, height)
+
+    def wheel(self, x: float, y: float, notches: float) -> None:
+        self._free_view().wheel(x, y, notches)
+
     def reset(self) -> None:
-        self.orbit = self.home
+        self._free_view().reset()
 
     def grabs(self, x: float, y: float) -> bool:
         """Whether a press at a pixel grabs a handle or begins to draw."""
@@ -352,8 +365,9 @@ class EditView(OrbitView):
             up = (end - start) / np.linalg.norm(end - start)
             if not self.commit(edits.with_(world=world.model_copy(update={"up": tuple(up.tolist())})), "up"):
                 self.clicks = ()
-                orbit = self.orbit or OrbitCamera()
-                self.orbit = OrbitCamera.from_to(orbit.eye, orbit.target, up, orbit.fov)
+                viewpoint = self._free_view()
+                orbit = viewpoint.orbit
+                viewpoint.orbit = OrbitCamera.from_to(orbit.eye, orbit.target, up, orbit.fov)
 
     def _mark_detail(self, x: float, y: float) -> None:
         take, edits = self.workspace.take, self.edits
@@ -377,7 +391,7 @@ class EditView(OrbitView):
     # The image
 
     def _view(self) -> Camera:
-        return (self.orbit or OrbitCamera()).camera(*self._size)
+        return self.viewpoint.orbit.camera(*self._size)
 
     def handles(self, edits: EditList) -> list[Handle]:
         """What can be dragged with the current tool, of these edits."""
@@ -424,10 +438,10 @@ class EditView(OrbitView):
         self._plain = self._circle = None
 
     def state(self) -> Hashable:
-        orbit = self.orbit or OrbitCamera()
+        orbit, background = self.viewpoint.orbit, self.viewpoint.background
         return _State(
             self.frame, orbit.key, orbit, self.tool, self.show_removed, self.edits, self.pending, self._stroke,
-            self.clicks, self._handle.name if self._handle is not None else "", self.background, self._group_ends()[-1],
+            self.clicks, self._handle.name if self._handle is not None else "", background, self._group_ends()[-1],
             self.em,
         )  # fmt: skip
 

@@ -11,6 +11,7 @@ from gui.models.loop import LOOP, Signal
 from gui.models.notices import Notices
 from gui.models.playback.sources import TrainedSource
 from gui.models.playback.transport import Transport
+from gui.models.playback.viewpoint import Viewpoint
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
 from gui.pages.review.view import EditView
@@ -36,10 +37,9 @@ class Chosen:
 def stand_in(workspace: Workspace, take_copy: Path) -> Any:
     """A window with the finished take, as far as its edits go."""
     workspace.open(Take.open(take_copy))
-    editor, rig = EditView(workspace), read_rig(take_copy / "calibrate" / "rig.json")
-    up = np.array([0.0, 0.0, 1.0])
-    orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), up)
-    editor.begin(orbit, orbit, up, np.zeros((0, 3)))
+    viewpoint, rig = Viewpoint(), read_rig(take_copy / "calibrate" / "rig.json")
+    viewpoint.orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    editor = EditView(workspace, viewpoint)
     views = SimpleNamespace(editor=editor, edits_take=True, edit_dialog=Signal())
     view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
     window: Any = SimpleNamespace(

@@ -6,6 +6,7 @@ import pytest
 
 from gui.models.playback.sources import open_path
 from gui.models.playback.stream_source import StreamSource
+from gui.models.playback.viewpoint import Viewpoint
 from gui.models.scene.handles import crop_handles
 from gui.models.scene.orbit import OrbitCamera
 from gui.models.take.workspace import Workspace
@@ -28,10 +29,10 @@ UP = np.array([0.0, 0.0, 1.0])
 @pytest.fixture
 def view(workspace: Workspace, take_copy: Path) -> EditView:
     workspace.open(Take.open(take_copy))
-    view = EditView(workspace)
+    viewpoint = Viewpoint()
+    view = EditView(workspace, viewpoint)
     rig = read_rig(take_copy / "calibrate" / "rig.json")
-    orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP)
-    view.begin(orbit, orbit, UP, np.zeros((0, 3)))
+    viewpoint.orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), UP)
     return view
 
 
@@ -78,7 +79,7 @@ def test_faces_of_the_box_are_dragged(view: EditView) -> None:
     drawn(view)
     box = view.pending.crop
     assert view.counts["selected"] < 30  # the new box holds the performer
-    camera = view.orbit.camera(*SIZE)
+    camera = view.viewpoint.orbit.camera(*SIZE)
     top = next(one for one in crop_handles(box) if one.direction @ UP > 0.9)
     x, y = camera.project(top.place[None])[0][0]
     assert view.grabs(x + 3, y)
@@ -101,7 +102,7 @@ def test_a_click_marks_a_detail_and_a_drag_sizes_it(view: EditView) -> None:
     refused = heard(view.refusal)
     view.click(2, 2)
     assert "no splats" in refused.pop()[0]
-    camera = view.orbit.camera(*SIZE)
+    camera = view.viewpoint.orbit.camera(*SIZE)
     x, y = camera.project(np.zeros((1, 3)))[0][0]
     view.click(x, y)
     assert refused == []
@@ -146,7 +147,7 @@ def test_a_ground_plane_and_floaters_and_trims(view: EditView) -> None:
     view.press("ground")
     drawn(view)
     handle = view.handles(view.pending)[0]
-    x, y = view.orbit.camera(*SIZE).project(handle.place[None])[0][0]
+    x, y = view.viewpoint.orbit.camera(*SIZE).project(handle.place[None])[0][0]
     assert view.grabs(x, y)
     view.pull(x, y - 40)
     view.release()
@@ -209,7 +210,7 @@ def test_the_brush_is_a_circle_at_the_pointer_and_selects_what_it_covers(view: E
 
 def test_points_are_picked_for_the_world(view: EditView) -> None:
     drawn(view)
-    camera = view.orbit.camera(*SIZE)
+    camera = view.viewpoint.orbit.camera(*SIZE)
     view.press("origin")
     refused = heard(view.refusal)
     view.click(5, 5)
@@ -232,7 +233,7 @@ def test_points_are_picked_for_the_world(view: EditView) -> None:
     view.click(160, 90)
     up = np.array(view.edits.world.up)
     assert up @ UP > 0.7
-    assert np.allclose(view.orbit.up, up)
+    assert np.allclose(view.viewpoint.orbit.up, up)
 
 
 def test_a_trimmed_and_placed_stream_is_shown_as_in_its_take(take_copy: Path, monkeypatch) -> None:
