@@ -1,21 +1,19 @@
 /** Events by name. */
 
-type Handler<T> = (value: T) => void;
+type Handlers<Events> = { [K in keyof Events]?: ((value: Events[K]) => void)[] };
 
 export class Emitter<Events> {
-  private readonly handlers = new Map<keyof Events, Set<Handler<never>>>();
+  private handlers: Handlers<Events> = {};
 
-  on<K extends keyof Events>(event: K, handler: Handler<Events[K]>): void {
-    let set = this.handlers.get(event);
-    if (set === undefined) this.handlers.set(event, (set = new Set()));
-    set.add(handler);
+  on<K extends keyof Events>(event: K, handler: (value: Events[K]) => void): void {
+    (this.handlers[event] ??= []).push(handler);
   }
 
   protected emit<K extends keyof Events>(event: K, value: Events[K]): void {
-    for (const handler of this.handlers.get(event) ?? []) (handler as Handler<Events[K]>)(value);
+    for (const handler of this.handlers[event] ?? []) handler(value);
   }
 
   protected removeAll(): void {
-    this.handlers.clear();
+    this.handlers = {};
   }
 }

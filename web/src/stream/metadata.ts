@@ -53,14 +53,15 @@ const isVector = (value: unknown): value is Vector =>
 
 const isSide = (value: unknown): value is number => Number.isInteger(value) && Number(value) >= 1 && Number(value) <= MAX_SIDE;
 
-export const isSquare = (value: unknown, size: number): value is number[][] =>
+const isSquare = (value: unknown, size: number): value is number[][] =>
   Array.isArray(value) &&
   value.length === size &&
   value.every((row) => Array.isArray(row) && row.length === size && row.every(isNumber));
 
 const object = (value: unknown): Values => (typeof value === "object" && value !== null ? (value as Values) : {});
 
-function readCamera(value: unknown): Camera | null {
+/** A camera of a rig file; null if it is not well-formed. */
+export function readCamera(value: unknown): Camera | null {
   const { width, height, K, world_to_camera: worldToCamera } = object(value);
   if (!isSide(width) || !isSide(height) || !isSquare(K, 3) || !isSquare(worldToCamera, 4)) return null;
   return K[0][0] > 0 && K[1][1] > 0 ? { width, height, K, worldToCamera } : null;

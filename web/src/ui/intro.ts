@@ -3,7 +3,7 @@
 import { pinholeOf, type View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import { StreamError } from "../stream/errors.ts";
-import { isNumber, isSquare } from "../stream/metadata.ts";
+import { type Camera, isNumber, readCamera } from "../stream/metadata.ts";
 
 const FORMAT = "v3studio-camera-path";
 const MAX_KEYS = 1000; // keys that a path may have at most
@@ -11,8 +11,8 @@ const EASINGS = ["smooth", "ease", "linear", "hold"]; // how the camera moves fr
 
 interface Key {
   readonly time: number;
-  readonly easing?: string;
-  readonly camera: { readonly width: number; readonly height: number; readonly K: number[][]; readonly world_to_camera: number[][] };
+  readonly easing: string;
+  readonly camera: Camera;
 }
 
 /** A curve through points at ascending times, with continuous velocity and acceleration: a natural cubic spline. */
@@ -67,13 +67,15 @@ function parseKeys(text: string): Key[] {
   const { format, keys } = (values ?? {}) as { format?: unknown; keys?: unknown };
   if (format !== FORMAT || !Array.isArray(keys)) throw wrong(`is not a ${FORMAT}`);
   if (keys.length < 1 || keys.length > MAX_KEYS) throw wrong(`has ${keys.length} keys`);
-  const found = keys as (Partial<Key> | null)[];
-  found.forEach((key, i) => {
-    const { width, height, K, world_to_camera: pose } = key?.camera ?? {};
-    const fine = [key?.time, width, height].every(isNumber) && isSquare(K, 3) && isSquare(pose, 4) && K[1][1] > 0 && EASINGS.includes(key?.easing ?? "smooth");
-    if (!fine || (i > 0 && !(key!.time! > found[i - 1]!.time!))) throw wrong(`has an invalid key ${i}`);
+  let last = -Infinity;
+  return keys.map((key: Record<string, unknown> | null, i) => {
+    const { time, easing = "smooth", camera: stored } = key ?? {};
+    const camera = readCamera(stored);
+    const fits = isNumber(time) && time > last && typeof easing === "string" && EASINGS.includes(easing) && camera !== null;
+    if (!fits) throw wrong(`has an invalid key ${i}`);
+    last = time;
+    return { time, easing, camera };
   });
-  return found as Key[];
 }
 
 /** The views of a path over the seconds since its beginning, and its duration. */
@@ -87,13 +89,12 @@ export function readPath(text: string, player: Player): IntroPath {
   const keys = parseKeys(text);
   const times = keys.map((key) => key.time - keys[0].time);
   const rows = keys.map(({ camera }) => {
-    const pinhole = pinholeOf({ ...camera, worldToCamera: camera.world_to_camera });
-    const { azimuth, elevation, distance, target } = player.camera.viewOf(pinhole);
+    const { azimuth, elevation, distance, target } = player.camera.viewOf(pinholeOf(camera));
     return [azimuth, elevation, Math.log(distance), ...target];
   });
   // Never more than half a turn from key to key.
   for (let i = 1; i < rows.length; i++) rows[i][0] -= 360 * Math.round((rows[i][0] - rows[i - 1][0]) / 360);
-  const easings = keys.map((key) => key.easing ?? "smooth");
+  const easings = keys.map(({ easing }) => easing);
   const curves = rows[0].map((_, k) => eased(times, rows.map((row) => row[k]), easings));
   return {
     seconds: times[times.length - 1],

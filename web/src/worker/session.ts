@@ -12,7 +12,7 @@ import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
 import { RateRule } from "./rate_rule.ts";
 import { EmbeddedSource, readChecked, type Source } from "./source.ts";
-import { dequantize, splatArrays, splatFloats } from "./splats.ts";
+import { dequantize, splatArrays } from "./splats.ts";
 import { GroupStore } from "./store.ts";
 import { StreamFiles } from "./stream_files.ts";
 
@@ -207,13 +207,12 @@ export class Session {
   private deliverSplats(prepared: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
     const { group, tables } = prepared;
     const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
-    const { buffer } = this.pool.take(4 * count * splatFloats(shDegree));
-    const arrays = splatArrays(buffer, count, shDegree);
+    const arrays = splatArrays(this.pool, count, shDegree);
     const blocks = tables?.blocks(within) ?? null;
     fillPositions(prepared, within, luma, blocks, arrays.means);
     dequantize(group, tables, within, luma, blocks, arrays);
     this.pool.give(luma);
-    this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [buffer]);
+    this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [arrays.means.buffer]);
   }
 
   private deliverPicture(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {

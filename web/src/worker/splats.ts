@@ -5,14 +5,11 @@ import type { Rendition } from "../stream/manifest.ts";
 import type { SplatArrays } from "../stream/manifest_types.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
 import { layoutOf, unitsOf } from "../stream/picture.ts";
+import type { Pool } from "./pool.ts";
 
-/** Floats per splat. */
-export function splatFloats(shDegree: number): number {
-  return channelNames("planes", shDegree).length;
-}
-
-/** Divides a buffer of `count * splatFloats(shDegree)` floats. */
-export function splatArrays(buffer: ArrayBuffer, count: number, shDegree: number): SplatArrays {
+/** Arrays for a frame's splats, one after the other in a buffer. */
+export function splatArrays(pool: Pool, count: number, shDegree: number): SplatArrays {
+  const { buffer } = pool.take(4 * count * channelNames("planes", shDegree).length);
   let at = 0;
   const arrays = attributeNames("planes", shDegree).map(([name, { length }]) => {
     const part = new Float32Array(buffer, 4 * at, count * length);
