@@ -109,7 +109,7 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
     normal = normal if normal @ up > 0 else -normal
     turn = Rotation.align_vectors([[0, 0, 1]], [normal])[0]
     height, tilt = float(turn.apply(middle)[2]), float(np.degrees(turn.magnitude()))
-    figures = FloorReport(tilt=round(tilt, 3), height=round(height, 6), share=round(best / len(points), 3))
+    figures = FloorReport(tilt=round(tilt, 3), share=round(best / len(points), 3))
     return Similarity(1.0, turn.as_matrix(), np.array([0.0, 0.0, -height])), figures
 
 

@@ -68,7 +68,6 @@ class TargetReport(_Model):
 
     sync_frames: int
     views: int  # observations of the target used
-    corners: int  # corners in these observations
     views_left_out: int  # observations rejected as outliers
     scale_bias: float | None = None
     """Relative error of distances between triangulated corners (0.001 is 1 mm per meter)."""
@@ -101,7 +100,6 @@ class FloorReport(_Model):
     """The floor plane with which the world was aligned."""
 
     tilt: float  # angle by which the up direction changed, in degrees
-    height: float  # height by which the origin was raised, in world units
     share: float  # fraction of the points on the floor, 0 to 1
 
 
@@ -155,7 +153,6 @@ class CalibrationReport(SolutionReport):
     # structure from motion
     sync_frames: int | None = None  # images per camera
     moved: dict[str, CameraMotion] = {}
-    seconds: float | None = None  # run time in seconds
 
     # calibration target
     target: TargetReport | None = None

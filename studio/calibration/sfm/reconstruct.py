@@ -1,7 +1,6 @@
 """Calibration from images: structure from motion with COLMAP, in a child process."""
 
 import shutil
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -73,7 +72,6 @@ def calibrate_from_images(
         Cancelled: from `progress`.
     """
     settings, workdir = settings or CalibrateSettings(), Path(workdir)
-    started = time.monotonic()
     names = list(images)
     if len(names) < 2:
         problem = f"structure from motion needs images of at least 2 cameras, found {len(names)}"
@@ -107,7 +105,7 @@ def calibrate_from_images(
     run_reporting("studio.calibration.sfm.worker", [str(path)], relay)
     result = _read(workdir, names)
     transform = _gauge(result, poses, settings)
-    update: JsonObject = {"sync_frames": sync_frames, "seconds": round(time.monotonic() - started, 1)}
+    update: JsonObject = {"sync_frames": sync_frames}
     if poses is not None:
         update["moved"] = _moved(result, poses, settings)
     report = result.report.model_copy(update=update)

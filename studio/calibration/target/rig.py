@@ -153,7 +153,6 @@ def calibrate_from_target(
     figures = TargetReport(
         sync_frames=len(state.target_poses),
         views=len(state.views),
-        corners=sum(len(view.ids) for view in state.views.values()),
         views_left_out=len(views) - len(state.views),
         **_scale_check(state, target),
     )
