@@ -454,6 +454,6 @@ def _plates(
 
 def _color(text: str) -> tuple[float, float, float]:
     color = three_numbers(text)
-    if color is None or not all(0 <= value <= 1 for value in color):
+    if not all(0 <= value <= 1 for value in color):
         raise argparse.ArgumentTypeError(f"'{text}' is not three numbers from 0 to 1; example: 1,1,1")
     return color

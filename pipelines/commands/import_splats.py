@@ -86,7 +86,7 @@ def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:
 
 
 def _direction(text: str) -> tuple[float, float, float]:
-    x, y, z = three_numbers(text) or (0.0, 0.0, 0.0)
+    x, y, z = three_numbers(text)
     length = (x * x + y * y + z * z) ** 0.5
     if not 0 < length < float("inf"):
         raise argparse.ArgumentTypeError(f"'{text}' is not a direction X,Y,Z; example: 0,0,1")

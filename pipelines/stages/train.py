@@ -196,14 +196,9 @@ def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> li
     return [keys[position] for position in range(len(group.frames))]
 
 
-def joins(inputs: Inputs) -> bool:
-    """Whether the frames of a group are trained jointly."""
-    return inputs.config.train.joint_iterations > 0
-
-
 def _final_keys(inputs: Inputs, keys: list[str]) -> list[str]:
     """The keys of a group's frames when it is done; `keys`: those of its frames before joint training."""
-    if not joins(inputs) or len(keys) == 1:
+    if not inputs.config.train.joint_iterations or len(keys) == 1:
         return keys
     joint = key_of(STAGE.name, STAGE.version, settings_affecting(inputs.config, "joint_frames"), keys[0], keys[-1])
     return [joint] * len(keys)
@@ -243,7 +238,7 @@ def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> Set
 def _drop_leftovers(inputs: Inputs, group: Group) -> None:
     take = inputs.take
     wanted = {take.trained_frame(group.index, index) for index in group.indices}
-    if joins(inputs):
+    if inputs.config.train.joint_iterations:
         wanted |= {take.separate_frame(group.index, index) for index in group.indices}
     folder = take.train_group(group.index)
     for path in (*folder.glob("frame_*.safetensors"), *folder.glob("separate_*.safetensors")):

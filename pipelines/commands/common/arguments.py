@@ -161,12 +161,12 @@ def invalid_option(option: str, problem: str, fix: str, value: Any = None, **fie
     return StudioError("command.invalid_option", problem, value=value, fix=fix, option=option, **fields)
 
 
-def three_numbers(text: str) -> tuple[float, float, float] | None:
-    """The numbers in "X,Y,Z"; None if it is something else."""
+def three_numbers(text: str) -> tuple[float, float, float]:
+    """The type of "X,Y,Z"."""
     try:
-        x, y, z = (float(value) for value in text.split(","))
+        x, y, z = map(float, text.split(","))
     except ValueError:
-        return None
+        raise argparse.ArgumentTypeError(f"'{text}' is not three numbers; example: 0,1,0") from None
     return x, y, z
 
 

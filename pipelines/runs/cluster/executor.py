@@ -150,8 +150,7 @@ class _Run:
                 attempt=job.attempt,
                 key=job.key,
                 settings=self._settings(),
-                version=versions()[0],
-                python=versions()[1],
+                versions=versions(),
             )
             job.log = LogFollower(self._inputs.take.group_events / task.events)
             self._running[self._task.options(**options).remote(task)] = job

@@ -59,8 +59,7 @@ class GroupTask:
     attempt: int
     key: str  # `GroupStageCode.group_key`, as the sender knows it
     settings: tuple[tuple[str, Any], ...]  # values by dotted name that replace those of the take
-    version: str  # of V3 Studio, and `python` of Python, at the sender
-    python: str
+    versions: tuple[str, str]  # at the sender
     paths: tuple[tuple[str, tuple[str, ...]], ...] = ()  # `run.paths`: a folder and its paths on other machines
 
     @property
@@ -96,10 +95,10 @@ def _plain(message: Message) -> Message:
 
 def _refuse_other_versions(task: GroupTask) -> None:
     here = versions()
-    if here != (task.version, task.python):
+    if here != task.versions:
         problem = (
             f"{socket.gethostname()} has V3 Studio {here[0]} on Python {here[1]}, but the run was started with "
-            f"{task.version} on Python {task.python}"
+            f"{task.versions[0]} on Python {task.versions[1]}"
         )
         fix = "Install the same versions on all nodes."
         raise StudioError("cluster.version", problem, fix=fix, node=socket.gethostname())

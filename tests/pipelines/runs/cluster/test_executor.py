@@ -277,10 +277,9 @@ def test_cancelling_cancels_every_task():
 
 
 def sent(**changes: Any) -> GroupTask:
-    here = versions()
     values: dict[str, Any] = {
         "take": "/no/take", "footage": "/no/footage", "stage": "train", "group": 0, "attempt": 1, "key": "",
-        "settings": (), "version": here[0], "python": here[1],
+        "settings": (), "versions": versions(),
     }  # fmt: skip
     return GroupTask(**values | changes)
 
@@ -293,10 +292,10 @@ def refusal(**changes: Any) -> Message:
 def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
     monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
-    other = refusal(version="0.0.1")
+    other = refusal(versions=("0.0.1", versions()[1]))
     assert other.code == "cluster.version"
     assert "but the run was started with 0.0.1" in other.problem
-    other = refusal(python="2.7")
+    other = refusal(versions=(versions()[0], "2.7"))
     assert other.problem.endswith(f"but the run was started with {versions()[0]} on Python 2.7")
     blind = refusal()
     assert (blind.code, blind.file) == (NOT_VISIBLE, "/no/take/take.json")
