@@ -17,7 +17,7 @@ from tests.support.errors import refuses
 from tests.support.rigs import ring
 
 LITE = Path(__file__).parents[1] / "data" / "lite.tflite"
-FRAMES, SIZE = 16, (160, 120)
+FRAMES, SIZE = 16, (128, 96)
 RED, BLIND = np.array([200.0, 70.0, 60.0]), "cam4"
 """Color of the performer, and the camera whose wall has the same color."""
 
@@ -36,7 +36,7 @@ def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    return ring(8, radius=3.0, heights=(0.3, 1.2), size=SIZE, focal=140.0)
+    return ring(8, radius=3.0, heights=(0.3, 1.2), size=SIZE, focal=112.0)
 
 
 @pytest.fixture(scope="module")
