@@ -5,6 +5,7 @@ renderer drops frames but does not lag.
 """
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -13,6 +14,8 @@ from gui.models.loop import LOOP
 
 Request = TypeVar("Request")
 Result = TypeVar("Result")
+
+LONGEST = 5.0  # seconds to wait for threads to end
 
 
 @dataclass(frozen=True)
@@ -64,13 +67,13 @@ class LatestWorker(Generic[Request, Result]):
         with self._condition:
             return self._waiting is None and not self._busy
 
-    def close(self) -> bool:
-        """Drop the waiting request and end the thread after the current one. Returns whether it ended in 5 seconds."""
+    def close(self, seconds: float = LONGEST) -> bool:
+        """Drop the waiting request and end the thread after the current one. Returns whether it ended in time."""
         with self._condition:
             self.closed = True
             self._waiting = None
             self._condition.notify_all()
-        self._thread.join(5.0)
+        self._thread.join(seconds)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
@@ -109,8 +112,11 @@ _OPEN: list[LatestWorker[Any, Any]] = []
 
 
 def close_all() -> bool:
-    """End all timers and threads, with the window. Returns whether the threads ended in time."""
+    """End all timers and threads, with the window. Returns whether the threads ended in time, which they share."""
     LOOP.stop()
-    ended = [worker.close() for worker in _OPEN]
+    until = time.monotonic() + LONGEST
+    for worker in _OPEN:
+        worker.close(0.0)
+    ended = [worker.close(max(until - time.monotonic(), 0.0)) for worker in _OPEN]
     _OPEN.clear()
     return all(ended)

@@ -176,7 +176,8 @@ class StageViews:
             stage_view.show_again()
 
     def forget(self) -> None:
-        """Free the previous take's large buffers."""
+        """Free the previous take's large buffers, and leave its edits."""
+        self.editing = False
         for stage_view in self._all:
             stage_view.forget()
 

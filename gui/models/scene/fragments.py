@@ -81,7 +81,9 @@ def _spans(
     pixels[backwards], inverse[backwards] = pixels[backwards, ::-1], inverse[backwards, ::-1]
     first = np.ceil(np.clip(pixels[:, 0, along] - 0.5, 0, size[along])).astype(np.int64)
     last = np.floor(np.clip(pixels[:, 1, along] - 0.5, -1, size[along] - 1)).astype(np.int64)
-    count = np.maximum(last - first + 1, 0)
+    low, high = pixels[..., across].min(axis=1), pixels[..., across].max(axis=1)
+    seen = (high > -width - 1) & (low < size[across] + width + 1)  # else it has no pixels in the image
+    count = np.where(seen, np.maximum(last - first + 1, 0), 0)
     line = np.repeat(np.arange(len(pixels)), count)
     at = first[line] + np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
     length = np.maximum(pixels[:, 1, along] - pixels[:, 0, along], 1e-9)

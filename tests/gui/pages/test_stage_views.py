@@ -64,12 +64,12 @@ def shown(views: StageViews, accept: Callable[[np.ndarray], bool] = lambda pictu
 
 def test_every_stage_of_a_finished_take_has_its_picture(views: StageViews, finished: Path) -> None:
     opened(views, finished / "take")
-    for stage, stage_view in views.stage_views.items():
+    for stage in views.stage_views:
         views.select(stage)
-        for mode in stage_view.modes:
+        for mode in views.stage_views[stage].modes:
             views.choose(mode)
             picture = shown(views, lambda picture: (picture != GROUND).any())
-            stage_view.draw(SIZE, stage_view.state())  # raises if the picture above was only a message
+            views.stage_view.draw(SIZE, views.stage_view.state())  # raises if the picture above was only a message
             assert picture.shape == (SIZE[1], SIZE[0], 3), (stage, mode)
     views.select("initialize")
     views.choose("mesh")
@@ -121,6 +121,9 @@ def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -
     views.leave_edits()
     assert views.fit_transport()
     assert player.transport.frame_count == 2
+    views.choose("edit")
+    views.forget()  # another take is opened
+    assert not views.edits_take
 
 
 def test_capture_shows_the_image_of_every_camera(views: StageViews, finished: Path) -> None:
