@@ -181,7 +181,7 @@ class StreamFrames:
             group = number % len(index) if self._loop else number
             if group >= len(index):
                 return None
-            if group not in self._files:
+            if self._files.get(group) is None:  # counts as a use: what is needed soon is dropped last
                 return group if self._error(index.starts[group]) is None else None
         return None
 
@@ -218,7 +218,9 @@ class StreamFrames:
             if frame >= count:
                 return
             late = one < min(wanted, self._decoded_until)
-            if not late and frame not in self._ready and frame not in self._pending and self._error(frame) is None:
+            if late or self._ready.get(frame) is not None:  # counts as a use: what is needed soon is dropped last
+                continue
+            if frame not in self._pending and self._error(frame) is None:
                 yield frame
 
     def _frame_to_decode(self) -> tuple[int, Fetched] | None:
@@ -255,7 +257,9 @@ class StreamFrames:
 
     def _frame_to_dequantize(self) -> _Decoded | None:
         """The oldest decoded frame, without those whose next one is already due."""
-        while len(self._decoded) > 1 and self._wanted is not None and self._decoded[1].number <= self._wanted[0]:
+        due = -1 if self._wanted is None else self._wanted[0]
+        wrapped = due + AHEAD - self._reader.frame_count if self._loop else -1  # up to this frame, it is the next lap
+        while len(self._decoded) > 1 and wrapped < self._decoded[1].number <= due:
             self._pending.discard(self._decoded.popleft().number)
         return self._decoded.popleft() if self._decoded else None
 

@@ -4,9 +4,10 @@ from contextlib import closing
 
 import pytest
 
-from studio.playback import LeftOut, StreamFrames, stream_frames
+from studio.playback import LeftOut, RateRule, StreamFrames, stream_frames
 from studio.stream import StreamReader
 from tests.support.streams import opacity_file
+from tests.support.waiting import wait_until
 
 
 def test_frames_in_any_order_are_the_ones_that_were_baked(stream):
@@ -33,3 +34,22 @@ def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
         monkeypatch.setattr(stream_frames, "RETRY_SECONDS", 0)
         assert frames.get(6).frame == 6
         assert frames.skipped == ()
+
+
+def test_all_is_fetched_and_decoded_once_for_a_slow_viewer(long_stream, monkeypatch):
+    monkeypatch.setattr(stream_frames, "_KEPT_GROUPS", 1)
+    made = []
+    for name in ("_fetch", "_decode"):
+        work = getattr(StreamFrames, name)
+        noted = lambda self, job, name=name, work=work: made.append((name, job)) or work(self, job)  # noqa: E731
+        monkeypatch.setattr(StreamFrames, name, noted)
+    rule = RateRule([1])
+    with StreamReader.open(long_stream) as reader:
+        rule.target = 2 * 14 / reader.fps  # two groups
+        with closing(StreamFrames(reader, rule=rule)) as frames:
+            for wanted in range(84):
+                frames.get(wanted)
+                ahead = range(wanted, min(wanted + stream_frames.AHEAD + 1, 84))
+                wait_until("ahead", lambda ahead=ahead: all(frame in frames._ready for frame in ahead))
+    assert [job for name, job in made if name == "_fetch"] == list(range(6))
+    assert [job[0] for name, job in made if name == "_decode"] == list(range(84))
