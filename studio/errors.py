@@ -199,7 +199,8 @@ def violation(problem: Mapping[str, Any]) -> str:
 
 
 def first_violation(error: ValidationError, whole: str = "the file") -> tuple[str, str]:
-    """The dotted path of the first value that a model refuses, "" for the `whole`, and a clause on it."""
+    """The dotted path of the first value that a model refuses, "" for the `whole`, and a clause with the value."""
     first = error.errors(include_url=False)[0]
-    where = ".".join(map(str, first["loc"]))
-    return where, f"{where or whole} {violation(first)}"
+    where, given, words = ".".join(map(str, first["loc"])), first["input"], violation(first)
+    shown = where and words.startswith("must") and isinstance(given, str | int | float)
+    return where, f"{where or whole}{f' = {given!r:.60}' if shown else ''} {words}"

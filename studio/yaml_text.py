@@ -100,10 +100,11 @@ def _read(reader: YAML, text: str) -> Any:
         raise too_deep(BOUNDS) from None
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not valid YAML"
+        problem = str(getattr(error, "problem", None) or getattr(error, "reason", None) or "not valid YAML")
         if isinstance(error, DuplicateKeyError):  # which also quotes both values
-            problem = re.sub(r'^found (duplicate key) "(.*?)".*', r"\1 '\2'", str(problem), flags=re.DOTALL)
+            problem = re.sub(r'^found (duplicate key) "(.*?)".*', r"\1 '\2'", problem, flags=re.DOTALL)
         line = None if mark is None else mark.line + 1
+        problem = problem[:200]  # it may quote names of any length
         raise TextError(problem if line is None else f"line {line}: {problem}", line) from None
 
 

@@ -32,7 +32,7 @@ from studio.atomic_files import write_json
 from studio.camera_files import read_rig
 from studio.camera_files.common import read_json
 from studio.cameras import Camera, look_at_pose
-from studio.errors import StudioError, first_violation
+from studio.errors import StudioError, first_violation, naming
 from studio.formats import USD_SUFFIXES
 from studio.json_types import JsonObject
 from studio.splat_video import SplatVideo
@@ -208,10 +208,11 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
         name, problem = first_violation(error)
         fix = "docs/guides/export-import.md describes the format."
         raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, name=name) from None
-    return [
-        Key(float(one["time"]), Camera.from_dict(one["camera"]), one.get("frame"), one.get("easing", "smooth"))
-        for one in values["keys"]
-    ]
+    with naming(path):
+        return [
+            Key(float(one["time"]), Camera.from_dict(one["camera"]), one.get("frame"), one.get("easing", "smooth"))
+            for one in values["keys"]
+        ]
 
 
 def read_film_keys(

@@ -61,6 +61,8 @@ def test_hostile_text_is_refused_briefly(name: str) -> None:
     with pytest.raises(TextError) as yaml_error:
         parse_yaml(HOSTILE[name])
     assert max(len(str(each.value)) for each in (json_error, toml_error, yaml_error)) < 300
+    with pytest.raises(TextError, match=r"^.{,300}$"):
+        parse_yaml(f"*{'a' * 1000}")
 
 
 def test_64_levels_are_read() -> None:

@@ -210,7 +210,7 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
 
 
 def test_an_intro_must_be_a_camera_path(stream, tmp_path):
-    with refuses("camera_path.no_keys"):
+    with refuses("camera_path.invalid_key"):
         (tmp_path / "a.json").write_text('{"format": "v3studio-camera-path", "version": 1, "keys": []}')
         read_intro(tmp_path / "a.json", str(stream))
     with refuses("camera_path.times"):
