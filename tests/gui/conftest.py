@@ -176,8 +176,8 @@ class RunningWindow:
         self._entered = False
         self._corner: list[int] = []  # of its content on the screen
         self.environment = {
-            **os.environ, "DISPLAY": display, "OMP_NUM_THREADS": "2", "XDG_CONFIG_HOME": str(log.parent / "config"),
-            "XDG_STATE_HOME": str(log.parent / "state"),
+            **os.environ, "DISPLAY": display, "OMP_NUM_THREADS": "2", "LP_NUM_THREADS": "1",
+            "XDG_CONFIG_HOME": str(log.parent / "config"), "XDG_STATE_HOME": str(log.parent / "state"),
         }  # fmt: skip
         self.environment.pop("WAYLAND_DISPLAY", None)
         settings = log.parent / "config" / "v3studio" / "window.json"
