@@ -113,6 +113,7 @@ class StreamFrames:
         Raises LeftOut: it is damaged, and so are those before it. StudioError: no frame can be played, the server
             failed to deliver two groups in a row, or `close` was called.
         """
+        self._reader.index.group_of(frame)  # an error if there is no such frame
         after = frame - 1 if after is None else after
         with self._changed:
             self._wanted = frame, after
@@ -292,9 +293,10 @@ class StreamFrames:
 
     def _fail(self, group: int, first: int, stop: int, error: Exception) -> None:
         """Record that the frames of a group from `first` to before `stop` cannot be played."""
-        bug = not isinstance(error, StudioError)
+        bug = None if isinstance(error, StudioError) else error
         if not isinstance(error, StudioError):
             error = StudioError("playback.failed", f"playback stopped ({type(error).__name__}: {error})")
+            error.__cause__ = bug
         with self._changed:
             if self._closed:
                 return  # the reader may have been closed; the group may be intact
@@ -304,7 +306,7 @@ class StreamFrames:
             skipped = SkippedGroup(group, first, stop - first, error.message)
             self._failed[group] = (skipped, error, time.monotonic())
             left_out = self.skipped
-            if bug or self._unavailable > 1:
+            if bug is not None or self._unavailable > 1:
                 return  # twice in a row: the server is unreachable, not just a file
             if sum(one.frame_count for one in left_out) >= self._reader.frame_count and not self._reader.live:
                 failure = nothing_playable("no frame of the stream can be played", left_out[0])

@@ -16,7 +16,7 @@ let opening: Promise<Session | null> = Promise.resolve(null);
 
 scope.onmessage = ({ data }) => {
   if (data.type !== "open") {
-    void opening.then((session) => session?.receive(data));
+    opening.then((session) => session?.receive(data)).catch(reportError); // reaches the page's `onerror`
     return;
   }
   closing.abort();
