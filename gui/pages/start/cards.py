@@ -3,8 +3,10 @@
 import contextlib
 import datetime
 import os
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from gui.models.stages import STAGES
@@ -18,6 +20,10 @@ from studio.comparison.metrics import MAIN
 from studio.counts import listed, size_words
 from studio.errors import StudioError
 from studio.stream import is_address
+
+MEASURE_EVERY = 60.0
+"""Seconds between two measurements of the size of a take that is running: all its files are looked at, and a new size
+of its stream makes a new image."""
 
 
 @dataclass(frozen=True)
@@ -81,18 +87,25 @@ def describe(place: str) -> Card:
 
 def _take(take: Take) -> Card:
     changed = _newest([take.config, take.log, take.stream / "manifest.json", take.evaluation, take.private / "stages"])
-    sizes = (folder_bytes(take.stream) if take.has_stream else None, folder_bytes(take.root))
+    running, now = take.running() is not None, time.monotonic()
+    sizes = _sizes(take, now // MEASURE_EVERY if running else now)
     quality = None
     with contextlib.suppress(StudioError):
         if take.evaluation.is_file():
             quality = read_evaluation(take.evaluation).summary.measures.get(f"{MAIN.name}_decoded")
-    if take.running() is not None:
+    if running:
         return Card(str(take.root), "take", progress(take)[0], "running", changed, quality, *sizes)
     try:
         state, tone = state_words(runner.status(take, load_config(take.config)))
     except StudioError as error:
         state, tone = error.message.problem, "failed"
     return Card(str(take.root), "take", state, tone, changed, quality, *sizes)
+
+
+@lru_cache(maxsize=100)
+def _sizes(take: Take, _when: float) -> tuple[int | None, int]:
+    """Bytes of the stream and of everything, measured once for each value of `_when`."""
+    return folder_bytes(take.stream) if take.has_stream else None, folder_bytes(take.root)
 
 
 def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:

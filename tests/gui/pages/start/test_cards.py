@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gui.pages.start import cards
 from gui.pages.start import thumbnail as thumbnails
 from gui.pages.start.cards import describe, folder_bytes
 from gui.pages.start.thumbnail import SIZE, thumbnail
+from pipelines.takes.take import Take
 
 
 def test_a_finished_take(finished: Path) -> None:
@@ -21,6 +23,15 @@ def test_a_finished_take(finished: Path) -> None:
     assert card.quality == pytest.approx(sum(rows) / len(rows), abs=0.02)
     assert card.stream_bytes == sum(path.stat().st_size for path in (take / "stream").rglob("*") if path.is_file())
     assert card.total_bytes == sum(path.stat().st_size for path in take.rglob("*") if path.is_file())
+
+
+def test_a_running_take_is_measured_now_and_then(take_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cards, "MEASURE_EVERY", 1e9)
+    with Take.open(take_copy).locked("test"):
+        before = describe(str(take_copy))
+        (take_copy / "new").write_bytes(bytes(1000))
+        assert describe(str(take_copy)) == before
+    assert describe(str(take_copy)).total_bytes == folder_bytes(take_copy)
 
 
 def test_what_is_not_a_take_is_told(take_copy: Path, tmp_path: Path) -> None:
