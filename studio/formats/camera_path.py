@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, FailFast, Field, ValidationError
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
@@ -187,7 +187,7 @@ class _FileKey(BaseModel):
 
 
 class _File(BaseModel):
-    keys: Annotated[list[_FileKey], Field(min_length=1)]
+    keys: Annotated[list[_FileKey], FailFast(), Field(min_length=1)]  # a file may have millions of mistakes
 
 
 def read_path_keys(path: Path, seconds: float) -> list[Key]:

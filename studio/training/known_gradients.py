@@ -18,11 +18,9 @@ class _Known(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
         gradients: Sequence[Tensor | None] = ctx.saved_tensors
-        if (
-            upstream.dim() or upstream.device.type != "cpu" or float(upstream) != 1.0
-        ):  # a GPU would have to be waited for
-            gradients = [None if one is None else one * upstream for one in gradients]
-        return None, None, *gradients
+        # the number on a GPU would have to be waited for
+        same = not upstream.dim() and upstream.device.type == "cpu" and float(upstream) == 1.0
+        return None, None, *(one if one is None or same else one * upstream for one in gradients)
 
 
 def with_gradients(value: Tensor, inputs: Sequence[Tensor], gradients: Sequence[Tensor | None]) -> Tensor:
