@@ -59,9 +59,20 @@ class PathList:
         """How far the rows can be scrolled, pixels."""
         return max(count * self.row_height - (self.height - self._top), 0.0)
 
+    def _buttons(self) -> list[tuple[float, float, float]]:
+        """Left, top and width of each of `BUTTONS`, in lines."""
+        found, x, y = [], 0.6 * self.em, 2.3 * self.em
+        for _, label in BUTTONS:
+            wide = text_width(label, round(0.9 * self.em)) + 1.1 * self.em
+            if x + wide > self.width - 0.6 * self.em:
+                x, y = 0.6 * self.em, y + 1.95 * self.em
+            found.append((x, y, wide))
+            x += wide + 0.35 * self.em
+        return found
+
     @property
     def _top(self) -> float:
-        return 4.5 * self.em
+        return self._buttons()[-1][1] + 2.2 * self.em
 
     def draw(
         self,
@@ -84,19 +95,14 @@ class PathList:
         canvas.icon(self.width - pad - 0.9 * em, 0.55 * em, "row remove", 0.85 * em)
         self.areas.add((self.width - pad - 1.3 * em, 0, 1.9 * em, 1.9 * em), ("close", -1))
         canvas.rect(pad, 1.95 * em, self.width - 2 * pad, 1, LINE)
-        x, y = pad, 2.3 * em
         size = round(0.9 * em)
-        for key, label in BUTTONS:
+        for (key, label), (x, y, wide) in zip(BUTTONS, self._buttons(), strict=True):
             enabled = key == "add" or len(keys) > (0 if key == "clear" else 1)
-            wide = text_width(label, size) + 1.1 * em
-            if x + wide > self.width - pad:
-                x, y = pad, y + 1.95 * em
             pressed = key == "preview" and previewing
             ground, color, border = ACCENT_DARK if pressed else RAISED, *((TEXT, BORDER) if enabled else (FAINT, FAINT))
             canvas.button(x, y, wide, 1.7 * em, "Stop" if pressed else label, size, ground, color, border)
             if enabled:
                 self.areas.add((x, y, wide, 1.7 * em), (key, -1))
-            x += wide + 0.35 * em
         if message or not keys:
             words = message or "Choose a view and a frame, then press Add or K. Two views make a movie."
             lines = wrapped(words, normal, self.width - 2 * pad)
@@ -106,11 +112,11 @@ class PathList:
     def _rows(
         self, canvas: Canvas, keys: Sequence[Key], thumbnails: Sequence[np.ndarray | None], selected: int | None
     ) -> None:
-        em, small = self.em, round(0.85 * self.em)
+        em, small, first = self.em, round(0.85 * self.em), self._top
         wide, high = self.thumbnail_size
         for number, (key, picture) in enumerate(zip(keys, thumbnails, strict=True)):
-            y = self._top + number * self.row_height - self.down
-            if y + self.row_height < self._top or y > self.height:
+            y = first + number * self.row_height - self.down
+            if y + self.row_height < first or y > self.height:
                 continue
             if number == selected:
                 canvas.rect(0, y, self.width, self.row_height, RAISED)
