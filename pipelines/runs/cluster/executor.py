@@ -106,6 +106,7 @@ class _Run:
         remove(self._inputs.take.group_events)
         for group in groups:
             if self._stage.group_code.group_done(self._inputs, group):
+                self._finished(group)
                 continue
             cpus = cpus_of_group(self._stage.name, self._inputs, group.index)
             self._queue.append(_Job(group, self._stage.group_code.group_key(self._inputs, group), cpus))

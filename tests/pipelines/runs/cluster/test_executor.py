@@ -148,6 +148,8 @@ def test_groups_are_queued_run_and_done():
     assert [event.fraction for event in run.events if isinstance(event, Progress)][-1] == 1.0
     assert {given["num_cpus"] for given in run.ray.asked} == {1}
     assert run.warnings() == []
+    run.go()  # nothing is left to do
+    assert (run.finished, len(run.ray.asked)) == ([0, 1, 2] * 2, 3)
 
 
 def test_a_lost_worker_is_replaced(exceptions):
