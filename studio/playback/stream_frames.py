@@ -93,7 +93,8 @@ class StreamFrames:
         self._decoded_until = 0  # frame after the last decoded one
         self._pending: set[int] = set()  # frames that are decoded and not yet ready
         self._ready: MemoryCache[int, PlayedFrame] = MemoryCache(kept, lambda one: bytes_of(one.gaussians), AHEAD + 2)
-        self._failed: dict[int, tuple[SkippedGroup, Exception, float]] = {}  # by group: its error, and when it failed
+        # by group: its error, None while it is tried again, and when it failed
+        self._failed: dict[int, tuple[SkippedGroup, Exception | None, float]] = {}
         self._unavailable = 0  # consecutive groups that the server failed to deliver
         self._closed = False
         self._threads = [
@@ -206,6 +207,8 @@ class StreamFrames:
         if self._rule is not None:
             self._rule.fetched(group.bytes, now - began)
         with self._changed:
+            if number in self._failed and self._failed[number][1] is None:
+                del self._failed[number]
             self._files.put(number, Fetched(group, rendition, files, now - began, now))
 
     def _missing(self) -> Iterator[int]:
@@ -285,8 +288,8 @@ class StreamFrames:
         skipped, error, when = self._failed.get(group, (None, None, 0.0))
         if skipped is None or not skipped.first_frame <= frame < skipped.stop:
             return None
-        if time.monotonic() - when > RETRY_SECONDS:
-            del self._failed[group]
+        if error is not None and time.monotonic() - when > RETRY_SECONDS:
+            self._failed[group] = (skipped, None, when)
             self._files.drop(group)
             return None
         return error
