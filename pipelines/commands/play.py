@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pipelines.commands.common.arguments import add_command, add_frames, invalid_option
@@ -46,7 +47,7 @@ def _play(arguments: argparse.Namespace) -> int:
         chosen = numbers.within(start or 0, end)
         if not chosen or chosen.start >= reader.frame_count:
             first, last = numbers.number(0), numbers.number(reader.frame_count - 1)
-            problem = f"--frames {start or first}:{end + 1}: the stream has no such frames"
+            problem = f"--frames {first if start is None else start}:{end + 1}: the stream has no such frames"
             raise invalid_option("--frames", problem, f"It has frames {first} to {last}.")
         report = play_headless(
             reader,
@@ -55,13 +56,17 @@ def _play(arguments: argparse.Namespace) -> int:
             frame_limit=None if stop is None else len(chosen),
             on_frame=_renderer(reader.manifest, arguments.stream) if arguments.render else None,
         )
+    warnings = [group.sentence(numbers.number) for group in report.skipped]
+    frames = tuple(replace(one, frame=numbers.number(one.frame)) for one in report.frames)
+    skipped = tuple(replace(one, first_frame=numbers.number(one.first_frame)) for one in report.skipped)
+    report = replace(report, frames=frames, skipped=skipped)
     arguments.result = report.to_dict()
     if not arguments.json:
         print_playback(report)
         print(f"To watch it: v3studio-gui {shlex.quote(arguments.stream)}")
-    for group in report.skipped:
-        print(f"warning: {group}", file=sys.stderr)
-    return 1 if report.skipped else 0
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return 1 if warnings else 0
 
 
 def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[PlayedFrame], object]:

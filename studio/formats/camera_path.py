@@ -182,7 +182,7 @@ def _fitted(camera: Camera, width: int, height: int) -> Camera:
 class _FileKey(BaseModel):
     time: Annotated[float, Field(strict=True)]
     camera: JsonObject
-    frame: Annotated[float | None, Field(strict=True)] = None
+    frame: Annotated[float | None, Field(strict=True, ge=-1e9, le=1e9)] = None
     easing: Easing = "smooth"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
@@ -43,7 +43,12 @@ class SkippedGroup:
     cause: Message
 
     def __str__(self) -> str:
-        return f"Group {self.group}, frames {self.first_frame} to {self.stop - 1}, was skipped: {self.cause}"
+        return self.sentence(int)
+
+    def sentence(self, number: Callable[[int], int]) -> str:
+        """What was skipped and why, with the `number` of each frame."""
+        first, last = number(self.first_frame), number(self.stop - 1)
+        return f"Group {self.group}, frames {first} to {last}, was skipped: {self.cause}"
 
     @property
     def stop(self) -> int:

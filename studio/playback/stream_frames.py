@@ -165,9 +165,10 @@ class StreamFrames:
                 self._changed.notify_all()
 
     def _first(self, frame: int, after: int) -> int:
-        """The frame to begin with: the one after `after`, or if that is late and the group of `frame` is there, or
-        neither is, the beginning of that group."""
-        index, first = self._reader.index, after + 1
+        """The frame to begin with: the first after `after` that is not known to be damaged, or if that is late and the
+        group of `frame` is there, or neither is, the beginning of that group."""
+        index = self._reader.index
+        first = next((one for one in range(after + 1, frame) if self._error(one) is None), frame)
         group = index.group_of(frame)
         if index.starts[group] > first and (group in self._files or index.group_of(first) not in self._files):
             return index.starts[group]

@@ -64,6 +64,8 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
             assert float((pictures[0] - pictures[1]).abs().mean()) < 0.02
     again = json.loads((take / "evaluation.json").read_text())
     assert [row["index"] for row in again["frames"]] == again["protocol"]["frames"] == [1, 2, 3]
+    played = here("play", take, "--frames", "2:4", "--json").result["frames"]
+    assert [(row["frame"], row["group"]) for row in played] == [(2, 0), (3, 1)]
     review = TakeReview(opened).data()
     assert review.frame_count == 3
     assert review.quality.metrics[0].decoded == tuple(row["psnr_decoded"] for row in again["frames"])

@@ -87,6 +87,7 @@ def test_paths_files(tmp_path):
         (lambda v: v.update(version=2), "camera_path.unsupported_version", {"value": 2, "expected": 1}),
         (lambda v: v.update(keys=[]), "camera_path.invalid_key", {"name": "keys"}),
         (lambda v: v["keys"][1].pop("time"), "camera_path.invalid_key", {"name": "keys.1.time"}),
+        (lambda v: v["keys"][1].update(frame=float("nan")), "camera_path.invalid_key", {"name": "keys.1.frame"}),
         (lambda v: v["keys"][1].pop("camera"), "camera_path.invalid_key", {"name": "keys.1.camera"}),
         (lambda v: v["keys"][1].update(time="soon"), "camera_path.invalid_key", {"name": "keys.1.time"}),
         (lambda v: v["keys"][1].update(time=0.1), "camera_path.times", {"file": None}),

@@ -4,8 +4,9 @@ from contextlib import closing
 
 import pytest
 
+from studio.errors import StudioError
 from studio.playback import LeftOut, RateRule, StreamFrames, stream_frames
-from studio.stream import StreamReader
+from studio.stream import DecodedFrame, GroupDecoder, StreamReader
 from tests.support.streams import opacity_file
 from tests.support.waiting import wait_until
 
@@ -36,6 +37,22 @@ def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
         monkeypatch.setattr(stream_frames, "RETRY_SECONDS", 0)
         assert frames.get(6).frame == 6
         assert (len(known[0]), frames.skipped) == (1, ())  # it is known as damaged until it is there
+
+
+def test_a_late_viewer_passes_over_damaged_groups(stream, monkeypatch):
+    opacity_file(stream, 2).unlink()
+    read = GroupDecoder.read
+
+    def damaged(decoder: GroupDecoder) -> DecodedFrame:
+        if decoder.next_frame == 6:
+            raise StudioError("stream.damaged", "damaged")
+        return read(decoder)
+
+    monkeypatch.setattr(GroupDecoder, "read", damaged)
+    with StreamReader.open(stream) as reader, closing(StreamFrames(reader)) as frames:
+        assert frames.get(5).frame == 5
+        wait_until("both are known", lambda: len(frames.skipped) == 2)
+        assert frames.get(15, 5).frame >= 10
 
 
 def test_all_is_fetched_and_decoded_once_for_a_slow_viewer(long_stream, monkeypatch):
