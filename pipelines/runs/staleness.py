@@ -110,10 +110,14 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     return replace(found, state=PARTIAL if partial else found.state, reason=reason)
 
 
-def assess_all(stages: tuple[Stage, ...], inputs: Inputs) -> dict[str, StageStatus]:
-    found: dict[str, StageStatus] = {}
+def assess_all(
+    stages: tuple[Stage, ...], inputs: Inputs, known: dict[str, StageStatus] | None = None
+) -> dict[str, StageStatus]:
+    """The status of stages, in their order. `known`: of some, which are not looked at again; the others are added."""
+    found = {} if known is None else known
     for stage in stages:
-        found[stage.name] = assess(stage, inputs, found)
+        if stage.name not in found:
+            found[stage.name] = assess(stage, inputs, found)
     return found
 
 

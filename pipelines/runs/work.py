@@ -130,10 +130,7 @@ def _refuse_gaps(stage: Stage, inputs: Inputs, group: Group) -> None:
 
 def _status(name: str, inputs: Inputs, known: dict[str, StageStatus] | None = None) -> StageStatus:
     """Status of a stage as a whole; later stages are not looked at."""
-    known = {} if known is None else known
-    if name not in known:
-        known |= assess_all(STAGES[: STAGE_NAMES.index(name) + 1], inputs)
-    return known[name]
+    return assess_all(STAGES[: STAGE_NAMES.index(name) + 1], inputs, known)[name]
 
 
 _AGAIN = "Start it again anywhere to resume."

@@ -203,16 +203,13 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
         fix = "Update V3 Studio."
         raise StudioError("camera_path.unsupported_version", problem, file=path, value=value, fix=fix, expected=VERSION)
     try:
-        _File.model_validate(values)
+        keys = _File.model_validate(values).keys
     except ValidationError as error:
         name, problem = first_violation(error)
         fix = "docs/guides/export-import.md describes the format."
         raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, name=name) from None
     with naming(path):
-        return [
-            Key(float(one["time"]), Camera.from_dict(one["camera"]), one.get("frame"), one.get("easing", "smooth"))
-            for one in values["keys"]
-        ]
+        return [Key(one.time, Camera.from_dict(one.camera), one.frame, one.easing) for one in keys]
 
 
 def read_film_keys(
