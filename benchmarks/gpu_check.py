@@ -46,26 +46,26 @@ import torch
 from rich.console import Console
 from torch import Tensor
 
-from pipelines.config import Config, load_config
-from pipelines.events import Event, Metrics, StageStarted
-from pipelines.events.cancellation import Cancellation
-from pipelines.reports.terminal import table_of
-from pipelines.runs.runner import run
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.stage_files import TrainedGroup
-from pipelines.takes.take import Take
-from studio.capture import Footage
-from studio.comparison import evaluate
-from studio.errors import Cancelled
-from studio.gaussians import Gaussians
-from studio.training import interframe_steps
-from studio.training.coded_loss import CodedLoss
-from studio.training.hashgrid import Corners, HashGrid
-from studio.training.joint import joint_steps
-from studio.training.motion import MotionField
-from studio.training.photometric import photometric_loss, photometric_loss_torch
+from v3studio.pipelines.config import Config, load_config
+from v3studio.pipelines.events import Event, Metrics, StageStarted
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.reports.terminal import table_of
+from v3studio.pipelines.runs.runner import run
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.capture import Footage
+from v3studio.studio.comparison import evaluate
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training import interframe_steps
+from v3studio.studio.training.coded_loss import CodedLoss
+from v3studio.studio.training.hashgrid import Corners, HashGrid
+from v3studio.studio.training.joint import joint_steps
+from v3studio.studio.training.motion import MotionField
+from v3studio.studio.training.photometric import photometric_loss, photometric_loss_torch
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rasterizer import both_function, forward_function, person, time_it

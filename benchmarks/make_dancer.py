@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 import open3d as o3d
 
-from studio.camera_files.rig_json import write_rig_json
-from studio.cameras import Camera, Rig, look_at_pose
-from studio.yaml_text import dump_yaml, parse_yaml
+from v3studio.studio.camera_files.rig_json import write_rig_json
+from v3studio.studio.cameras import Camera, Rig, look_at_pose
+from v3studio.studio.yaml_text import dump_yaml, parse_yaml
 
 CAMERAS = 16
 WIDTH, HEIGHT, FOCAL = 640, 360, 527.0

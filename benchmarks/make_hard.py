@@ -39,8 +39,8 @@ from make_dancer import (
     write_settings,
 )
 
-from studio.camera_files.rig_json import write_rig_json
-from studio.cameras import Camera
+from v3studio.studio.camera_files.rig_json import write_rig_json
+from v3studio.studio.cameras import Camera
 
 CAMERAS = 12
 FPS = 25

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.app import check_display
-from studio.errors import StudioError
-from studio.playback import PlayedFrame
+from v3studio.gui.app import check_display
+from v3studio.studio.errors import StudioError
+from v3studio.studio.playback import PlayedFrame
 
 TURN = 6.0  # drag in pixels that rotates the view at each tick
 
@@ -27,9 +27,9 @@ def bake(take: Path, splats: int, folder: Path) -> None:
     """Bake the take's first groups, with duplicated splats, to a stream of 30 frames per second."""
     from rate_distortion import enlarged
 
-    from pipelines.takes.frame_files import read_frame
-    from pipelines.takes.take import Take
-    from studio.stream import BakeSettings, GroupEntry, bake_group, write_manifest
+    from v3studio.pipelines.takes.frame_files import read_frame
+    from v3studio.pipelines.takes.take import Take
+    from v3studio.studio.stream import BakeSettings, GroupEntry, bake_group, write_manifest
 
     opened = Take.open(take)
     settings, first = BakeSettings(), 0
@@ -49,8 +49,8 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     """Open the window, play and rotate the view, and print the frame rates."""
     from open3d.visualization import gui
 
-    from gui.models.playback.stream_source import StreamSource
-    from gui.window import MainWindow
+    from v3studio.gui.models.playback.stream_source import StreamSource
+    from v3studio.gui.window import MainWindow
 
     application = gui.Application.instance
     application.initialize()

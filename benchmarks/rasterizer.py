@@ -23,11 +23,11 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from pipelines.reports.terminal import table_of
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer import available_backends, rasterize
-from studio.rasterizer.cpu import load_kernels
+from v3studio.pipelines.reports.terminal import table_of
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import available_backends, rasterize
+from v3studio.studio.rasterizer.cpu import load_kernels
 
 console = Console(width=112)
 

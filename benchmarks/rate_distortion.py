@@ -35,19 +35,19 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from pipelines.ablation.study import METHOD, monotonic
-from pipelines.config import load_config
-from pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.take import Take
-from studio.atomic_files import write_json
-from studio.errors import StudioError
-from studio.formats.videogs import open_videogs
-from studio.gaussians import Gaussians
-from studio.playback import play_headless
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.layout import plane_side
+from v3studio.pipelines.ablation.study import METHOD, monotonic
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import write_json
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.videogs import open_videogs
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.playback import play_headless
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from v3studio.studio.stream.layout import plane_side
 
 Profile = Literal["motion", "planes"]
 RELEASED_QPS = (10, 16, 22, 28, 34, 40)

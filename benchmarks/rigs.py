@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipelines.config import load_config
-from pipelines.stages.rig_check import judge_views
-from studio.calibration.epipolar import PairMatches, match_images
-from studio.calibration.report import RigVerdict
-from studio.camera_files import read_rig
-from studio.cameras import Rig
-from studio.capture import Footage, FootageView, open_footage
-from studio.similarity import Similarity
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.rig_check import judge_views
+from v3studio.studio.calibration.epipolar import PairMatches, match_images
+from v3studio.studio.calibration.report import RigVerdict
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.capture import Footage, FootageView, open_footage
+from v3studio.studio.similarity import Similarity
 
 LATE = 5
 """Frames by which a camera is late: in one frame of 25 fps, a performer moves by less than the masks' tolerance."""

@@ -21,9 +21,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def cpu_seconds(*words: str) -> float:
     """CPU seconds of a `v3studio` command."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pipelines.cli", *words], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
+    command = [sys.executable, "-m", "v3studio.pipelines.cli", *words]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     assert process.stderr is not None
     errors = process.stderr.read().decode(errors="replace")
     _, status, used = os.wait4(process.pid, 0)

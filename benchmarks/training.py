@@ -21,27 +21,27 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import torch
 from rich.console import Console
 
-from pipelines.config import load_config
-from pipelines.reports.terminal import table_of
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.take import Take
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize, set_kernel_threads
-from studio.rasterizer.cpu import load_kernels
-from studio.rasterizer.kernels import definitions_only
-from studio.stream.planes_coding import PlanesCoding
-from studio.training import TrainingView, TrainSettings
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.coded_loss import CodedLoss
-from studio.training.dropout import drop_splats
-from studio.training.hashgrid import Corners, HashGrid
-from studio.training.interframe import performer_box
-from studio.training.keyframe import scene_extent
-from studio.training.motion import MotionField
-from studio.training.photometric import photometric_loss, photometric_loss_torch
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper, regularized
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.reports.terminal import table_of
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize, set_kernel_threads
+from v3studio.studio.rasterizer.cpu import load_kernels
+from v3studio.studio.rasterizer.kernels import definitions_only
+from v3studio.studio.stream.planes_coding import PlanesCoding
+from v3studio.studio.training import TrainingView, TrainSettings
+from v3studio.studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.coded_loss import CodedLoss
+from v3studio.studio.training.dropout import drop_splats
+from v3studio.studio.training.hashgrid import Corners, HashGrid
+from v3studio.studio.training.interframe import performer_box
+from v3studio.studio.training.keyframe import scene_extent
+from v3studio.studio.training.motion import MotionField
+from v3studio.studio.training.photometric import photometric_loss, photometric_loss_torch
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import Stepper, regularized
 
 console = Console(width=112)
 

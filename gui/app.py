@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
-from studio.errors import StudioError
-from studio.process import passive_openmp
+from v3studio.studio.errors import StudioError
+from v3studio.studio.process import passive_openmp
 
 MOST_FAILURES = 5  # exceptions without a completed tick between them after which the window is closed
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def check_display() -> str:
     """Name and kind of the Vulkan device. Raises StudioError: without it or a display, Open3D aborts."""
-    from gui.platform.vulkan import vulkan_device
+    from v3studio.gui.platform.vulkan import vulkan_device
 
     if sys.platform.startswith("linux"):
         if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
@@ -65,8 +65,8 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
     """Open the window and run it until it is closed, Ctrl-C or SIGTERM."""
     from open3d.visualization import gui
 
-    from gui.platform.screen import fitting_size
-    from gui.window import MainWindow
+    from v3studio.gui.platform.screen import fitting_size
+    from v3studio.gui.window import MainWindow
 
     application = gui.Application.instance
     application.initialize()

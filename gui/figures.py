@@ -1,10 +1,10 @@
 """Keeps the figures of quality up to date: the evaluation, and what the timeline plots of it."""
 
-from gui.models.evaluation import Evaluation
-from gui.models.playback.timeline_plots import PLOTTED, plots_of
-from gui.models.take.workspace import modified
-from gui.shell import Shell
-from pipelines.takes.evaluation import measured_earlier_bake
+from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.playback.timeline_plots import PLOTTED, plots_of
+from v3studio.gui.models.take.workspace import modified
+from v3studio.gui.shell import Shell
+from v3studio.pipelines.takes.evaluation import measured_earlier_bake
 
 
 class QualityFigures:

@@ -1,12 +1,12 @@
 """What lies over the panels: the start page and the notice. Keeps them up to date."""
 
-from gui.actions.commands import Actions
-from gui.drawing.canvas import shortened
-from gui.drawing.palette import TEXT
-from gui.models.take.log_words import stage_name
-from gui.models.take.run_state import percent
-from gui.shell import Shell
-from gui.widgets.picture import color, put
+from v3studio.gui.actions.commands import Actions
+from v3studio.gui.drawing.canvas import shortened
+from v3studio.gui.drawing.palette import TEXT
+from v3studio.gui.models.take.log_words import stage_name
+from v3studio.gui.models.take.run_state import percent
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.picture import color, put
 
 PROGRAM = "V3 Studio"
 

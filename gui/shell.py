@@ -7,36 +7,36 @@ import time
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import DIM, GROUND, PANEL, TEXT
-from gui.models.evaluation import Evaluation
-from gui.models.marks import Marks
-from gui.models.notices import Notices
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.thumbnails import Thumbnails
-from gui.models.preferences import PICTURE_SIZES, Preferences
-from gui.models.take.exports import Exports
-from gui.models.take.serving import Serving
-from gui.models.take.workspace import Workspace
-from gui.pages.stage_views import StageViews
-from gui.pages.start.panel import StartPanel
-from gui.platform.closing import CloseRequests
-from gui.platform.input_order import InputOrder
-from gui.platform.presses import Chords
-from gui.platform.redraw import Redraws
-from gui.platform.x_window import XDisplay
-from gui.viewport import Viewport
-from gui.widgets.camera_menu import CameraMenu
-from gui.widgets.controls import ControlsPanel
-from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.hints import Hints
-from gui.widgets.inspector import InspectorPanel
-from gui.widgets.modes import ModesPanel
-from gui.widgets.notice_bar import NoticeBar
-from gui.widgets.path_panel import PathPanel
-from gui.widgets.picture import color, holds, make_label
-from gui.widgets.raycast import RaycastMesh
-from gui.widgets.stages import StagesPanel
-from gui.widgets.timeline import STRIP, TimelinePanel
+from v3studio.gui.drawing.palette import DIM, GROUND, PANEL, TEXT
+from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.thumbnails import Thumbnails
+from v3studio.gui.models.preferences import PICTURE_SIZES, Preferences
+from v3studio.gui.models.take.exports import Exports
+from v3studio.gui.models.take.serving import Serving
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.pages.start.panel import StartPanel
+from v3studio.gui.platform.closing import CloseRequests
+from v3studio.gui.platform.input_order import InputOrder
+from v3studio.gui.platform.presses import Chords
+from v3studio.gui.platform.redraw import Redraws
+from v3studio.gui.platform.x_window import XDisplay
+from v3studio.gui.viewport import Viewport
+from v3studio.gui.widgets.camera_menu import CameraMenu
+from v3studio.gui.widgets.controls import ControlsPanel
+from v3studio.gui.widgets.dialogs.base import Dialogs
+from v3studio.gui.widgets.hints import Hints
+from v3studio.gui.widgets.inspector import InspectorPanel
+from v3studio.gui.widgets.modes import ModesPanel
+from v3studio.gui.widgets.notice_bar import NoticeBar
+from v3studio.gui.widgets.path_panel import PathPanel
+from v3studio.gui.widgets.picture import color, holds, make_label
+from v3studio.gui.widgets.raycast import RaycastMesh
+from v3studio.gui.widgets.stages import StagesPanel
+from v3studio.gui.widgets.timeline import STRIP, TimelinePanel
 
 AWAKE = 0.5
 """Seconds after an event, or while an image is awaited, in which the window checks everything at each tick (10 ms)."""

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from gui.shell import Shell
-from pipelines.takes.edits import describe
-from studio.json_types import JsonObject
+from v3studio.gui.shell import Shell
+from v3studio.pipelines.takes.edits import describe
+from v3studio.studio.json_types import JsonObject
 
 if TYPE_CHECKING:
     from open3d.visualization import gui

@@ -4,14 +4,14 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.actions.commands import Actions
-from gui.actions.menus import Item
-from gui.actions.search import opens_list
-from gui.models.loop import LOOP
-from gui.platform.menu_bar import MenuBar
-from gui.platform.presses import key_code, typed_code
-from gui.shell import Shell
-from gui.widgets.picture import holds
+from v3studio.gui.actions.commands import Actions
+from v3studio.gui.actions.menus import Item
+from v3studio.gui.actions.search import opens_list
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.platform.menu_bar import MenuBar
+from v3studio.gui.platform.presses import key_code, typed_code
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.picture import holds
 
 
 class UserInput:

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 from open3d.visualization import gui
 
-from gui.pages.stage_views import StageViews
-from gui.widgets.picture import ImagePanel
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.picture import ImagePanel
 
 _STILL = 3.0  # pixels that the pointer may move during a click
 

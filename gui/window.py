@@ -6,35 +6,35 @@ from pathlib import Path
 
 from open3d.visualization import gui, rendering
 
-from gui.actions import menus
-from gui.actions.commands import ITEMS, MENUS, Actions
-from gui.actions.help import apply_fix, show_stage_help
-from gui.actions.opening import Opening
-from gui.drawing.icons import FONT
-from gui.drawing.palette import DIM, TEXT
-from gui.figures import QualityFigures
-from gui.models.loop import LOOP
-from gui.models.worker import close_all
-from gui.overlays import Overlays
-from gui.pages.start.panel import StartPanel
-from gui.platform.fonts import title_font, use_icons
-from gui.platform.menu_bar import MenuBar
-from gui.shell import Layout, Shell
-from gui.state import StateLog
-from gui.user_input import UserInput
-from gui.viewport import Viewport
-from gui.widgets.camera_menu import CameraMenu
-from gui.widgets.controls import ControlsPanel
-from gui.widgets.hints import Hints
-from gui.widgets.inspector import InspectorPanel
-from gui.widgets.modes import ModesPanel
-from gui.widgets.notice_bar import NoticeBar
-from gui.widgets.path_panel import PathPanel
-from gui.widgets.picture import color, put
-from gui.widgets.stages import StagesPanel
-from gui.widgets.swap_guard import SwapGuard
-from gui.widgets.timeline import TimelinePanel
-from pipelines.events import as_message
+from v3studio.gui.actions import menus
+from v3studio.gui.actions.commands import ITEMS, MENUS, Actions
+from v3studio.gui.actions.help import apply_fix, show_stage_help
+from v3studio.gui.actions.opening import Opening
+from v3studio.gui.drawing.icons import FONT
+from v3studio.gui.drawing.palette import DIM, TEXT
+from v3studio.gui.figures import QualityFigures
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.models.worker import close_all
+from v3studio.gui.overlays import Overlays
+from v3studio.gui.pages.start.panel import StartPanel
+from v3studio.gui.platform.fonts import title_font, use_icons
+from v3studio.gui.platform.menu_bar import MenuBar
+from v3studio.gui.shell import Layout, Shell
+from v3studio.gui.state import StateLog
+from v3studio.gui.user_input import UserInput
+from v3studio.gui.viewport import Viewport
+from v3studio.gui.widgets.camera_menu import CameraMenu
+from v3studio.gui.widgets.controls import ControlsPanel
+from v3studio.gui.widgets.hints import Hints
+from v3studio.gui.widgets.inspector import InspectorPanel
+from v3studio.gui.widgets.modes import ModesPanel
+from v3studio.gui.widgets.notice_bar import NoticeBar
+from v3studio.gui.widgets.path_panel import PathPanel
+from v3studio.gui.widgets.picture import color, put
+from v3studio.gui.widgets.stages import StagesPanel
+from v3studio.gui.widgets.swap_guard import SwapGuard
+from v3studio.gui.widgets.timeline import TimelinePanel
+from v3studio.pipelines.events import as_message
 
 SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
 """Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to

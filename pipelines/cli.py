@@ -16,17 +16,23 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TextIO
 
-import pipelines.commands
-from pipelines.commands import completion
-from pipelines.commands.common.arguments import CommandParser, WrongUsage, long_settings_as_set, nearest, overrides
-from pipelines.events import Finished, as_message
-from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.events.event_log import JsonLines
-from pipelines.stages import STAGE_NAMES
-from studio.atomic_files import PARTIAL
-from studio.errors import Cancelled, Message, StudioError, reason_of
-from studio.json_types import JsonData
-from studio.process import as_utf8, claim_stdout, discard, passive_openmp
+from v3studio.pipelines import commands as command_modules
+from v3studio.pipelines.commands import completion
+from v3studio.pipelines.commands.common.arguments import (
+    CommandParser,
+    WrongUsage,
+    long_settings_as_set,
+    nearest,
+    overrides,
+)
+from v3studio.pipelines.events import Finished, as_message
+from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
+from v3studio.pipelines.events.event_log import JsonLines
+from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.studio.atomic_files import PARTIAL
+from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
+from v3studio.studio.json_types import JsonData
+from v3studio.studio.process import as_utf8, claim_stdout, discard, passive_openmp
 
 GROUPS = {  # commands, in the order of `v3studio --help`
     "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config", "completion"),
@@ -140,7 +146,7 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
 def _refused(error: StudioError) -> tuple[int, Message]:
     """Print the error; its message, and as exit code 2 for what is wrong with the arguments, also with settings among
     them, else 1."""
-    from studio.settings import COMMAND_LINE, OVERRIDES
+    from v3studio.studio.settings import COMMAND_LINE, OVERRIDES
 
     print(f"error: {error}", file=sys.stderr)
     places = {mistake.get("file") for mistake in error.fields.get("mistakes", ())} or {error.file}
@@ -169,15 +175,15 @@ def _json_output() -> Iterator[TextIO]:
 
 def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     """The parser, and those of the commands by name."""
-    from pipelines.version import program_version
+    from v3studio.pipelines.version import program_version
 
     parser = CommandParser(prog="v3studio", usage="%(prog)s [-h] [--version] COMMAND ...", epilog=_EXAMPLES)
     parser.add_argument("--version", action="version", version=f"v3studio {program_version()}")
     hidden = argparse.SUPPRESS  # the description lists the commands
     commands = parser.add_subparsers(required=True, metavar="COMMAND", help=hidden, prog=parser.prog)
-    for module in iter_modules(pipelines.commands.__path__):
+    for module in iter_modules(command_modules.__path__):
         if module.name not in ("common", "completion"):
-            import_module(f"pipelines.commands.{module.name}").register(commands)
+            import_module(f"v3studio.pipelines.commands.{module.name}").register(commands)
     completion.register(commands, parser)
     for name, command in commands.choices.items():
         if name != "open":  # becomes another program

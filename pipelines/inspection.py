@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.stages.camera_file import camera_file, camera_file_text
-from studio.capture import CaptureSettings, Footage, find_cameras, open_footage, suggested_held_out
-from studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
-from studio.capture.patterns import walk
-from studio.errors import Message, StudioError
-from studio.masks.mask_files import FileMaskSource
-from studio.masks.mask_source import masked_cameras
-from studio.progress import ProgressFn, no_progress
-from studio.storage import is_address
+from v3studio.pipelines.stages.camera_file import camera_file, camera_file_text
+from v3studio.studio.capture import CaptureSettings, Footage, find_cameras, open_footage, suggested_held_out
+from v3studio.studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
+from v3studio.studio.capture.patterns import walk
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.masks.mask_files import FileMaskSource
+from v3studio.studio.masks.mask_source import masked_cameras
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.storage import is_address
 
 STRIP = 10  # most frames of the strip of frames
 SOUNDS = frozenset({".aac", ".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav"})  # extensions of sound files

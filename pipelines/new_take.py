@@ -7,17 +7,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.config import Config, dump_config, load_config
-from pipelines.config.presets import PRESETS, preset_here, with_values
-from pipelines.inspection import Inspection, inspect
-from pipelines.takes.atomic_files import disk_errors, write_text
-from pipelines.takes.camera_uses import USES, camera_uses, settings_of_uses
-from pipelines.takes.drawn_masks import for_another_take
-from pipelines.takes.take import Take
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.progress import ProgressFn
-from studio.storage import is_address
+from v3studio.pipelines.config import Config, dump_config, load_config
+from v3studio.pipelines.config.presets import PRESETS, preset_here, with_values
+from v3studio.pipelines.inspection import Inspection, inspect
+from v3studio.pipelines.takes.atomic_files import disk_errors, write_text
+from v3studio.pipelines.takes.camera_uses import USES, camera_uses, settings_of_uses
+from v3studio.pipelines.takes.drawn_masks import for_another_take
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.storage import is_address
 
 MOST_FPS = 10_000  # limit of `capture.fps`
 CALIBRATE = "none: calibrate from the footage"  # A choice of camera file besides those that were found
@@ -148,7 +148,7 @@ class NewTake:
 
     def create(self) -> Path:
         """Create the take's folder and its settings; return the folder."""
-        from studio.capture import open_footage
+        from v3studio.studio.capture import open_footage
 
         config = self.config()
         open_footage(config.capture, None, strict=False).close()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 
 def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> None:
@@ -26,8 +26,8 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
 def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Iterator[None]:
     """The block writes `out`, which does not exist then; arguments as for `check_output`. What was there is restored if
     it fails, and, if the process is killed, by the next call."""
-    from pipelines.takes.atomic_files import disk_errors
-    from studio.atomic_files import remove, restore_old, temporary_path
+    from v3studio.pipelines.takes.atomic_files import disk_errors
+    from v3studio.studio.atomic_files import remove, restore_old, temporary_path
 
     out = out.absolute()
     with disk_errors(out.parent):

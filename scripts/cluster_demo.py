@@ -17,8 +17,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from pipelines.events import GroupState, Warned
 from tests.support.two_nodes import SETTINGS, two_nodes
+from v3studio.pipelines.events import GroupState, Warned
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -28,7 +28,15 @@ def run(take: Path, settings: list[str]) -> None:
     lost = False
     with two_nodes(max(1, (os.cpu_count() or 2) // 2)) as cluster:
         print(f"A cluster of two nodes is running at {cluster.address}.")
-        command = [sys.executable, "-m", "pipelines.cli", "run", "sample_configs/demo.yaml", "--take", str(take)]
+        command = [
+            sys.executable,
+            "-m",
+            "v3studio.pipelines.cli",
+            "run",
+            "sample_configs/demo.yaml",
+            "--take",
+            str(take),
+        ]
         command += ["--json", "--run.executor", "ray", "--run.address", cluster.address, *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, **SETTINGS})
         assert process.stdout is not None

@@ -16,18 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.compare import difference, heat
-from gui.models.scene.compose import draw
-from gui.models.take.workspace import Workspace
-from gui.models.worker import close_all
-from gui.pages.calibrate.view import CalibrateView
-from gui.pages.initialize import InitializeView
-from pipelines.config import load_config
-from pipelines.stages.compared_view import performer_over
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.take import Take
-from studio.stream import StreamReader
+from v3studio.gui.drawing.compare import difference, heat
+from v3studio.gui.models.scene.compose import draw
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.models.worker import close_all
+from v3studio.gui.pages.calibrate.view import CalibrateView
+from v3studio.gui.pages.initialize import InitializeView
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.compared_view import performer_over
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.stream import StreamReader
 
 ROOT = Path(__file__).resolve().parent.parent
 CONFIG = ROOT / "sample_configs" / "quickstart.yaml"
@@ -82,7 +82,7 @@ def outline(take: Path) -> np.ndarray:
     """Footage with the mask's outline, cut out around the performer."""
     import cv2
 
-    from gui.drawing.palette import ACCENT
+    from v3studio.gui.drawing.palette import ACCENT
 
     footage = context_of(take).calibrated_footage
     image = footage.raw_image(CAMERA, FRAME).astype(np.float32)

@@ -16,7 +16,7 @@ from fontTools.ttLib import TTFont
 from fontTools.ttLib.scaleUpem import scale_upem
 from fontTools.ttLib.tables._g_l_y_f import GlyphCoordinates
 
-from gui.drawing.icons import CODES, FONT, ICON_SIZE
+from v3studio.gui.drawing.icons import CODES, FONT, ICON_SIZE
 
 UNITS = 1000
 ASCENT, DESCENT = 928, -244

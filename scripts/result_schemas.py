@@ -7,11 +7,11 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from pipelines.ablation.study import AblationResults
-from pipelines.takes.evaluation import Evaluation
-from pipelines.takes.records import StageRecord
-from studio.calibration.report import CalibrationReport
-from studio.json_types import JsonObject
+from v3studio.pipelines.ablation.study import AblationResults
+from v3studio.pipelines.takes.evaluation import Evaluation
+from v3studio.pipelines.takes.records import StageRecord
+from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.json_types import JsonObject
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 MODELS: dict[str, type[BaseModel]] = {
@@ -27,7 +27,7 @@ def schema(model: type[BaseModel]) -> JsonObject:
 
 
 if __name__ == "__main__":
-    from studio.atomic_files import write_json
+    from v3studio.studio.atomic_files import write_json
 
     for name, model in MODELS.items():
         write_json(DOCS / name, schema(model))

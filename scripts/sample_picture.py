@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipelines.config import load_config
-from pipelines.stages.compared_view import compared_cameras, compared_view
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.take import Take
-from studio.stream import StreamReader
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.compared_view import compared_cameras, compared_view
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.stream import StreamReader
 
 TITLES = ("held-out footage", "performer", "trained", "decoded stream", "difference x4")
 

@@ -62,7 +62,7 @@ def check_video() -> None:
 
 def check_vulkan() -> None:
     """Create a Vulkan instance and list its devices, as the window does before it opens."""
-    from gui.platform.vulkan import vulkan_device
+    from v3studio.gui.platform.vulkan import vulkan_device
 
     vulkan_device()
 
@@ -72,9 +72,9 @@ def check_kernels() -> None:
     import numpy as np
     import torch
 
-    from studio.cameras import Camera
-    from studio.gaussians import Gaussians
-    from studio.rasterizer import rasterize
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.gaussians import Gaussians
+    from v3studio.studio.rasterizer import rasterize
 
     generator = torch.Generator().manual_seed(0)
     splats = Gaussians(

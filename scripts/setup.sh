@@ -112,6 +112,11 @@ install_package() {
     echo "Building and installing v3studio (editable)"
     PATH="$PWD/.venv/bin:$PATH" "${pip[@]}" install --quiet --no-build-isolation --no-deps --editable .
 }
+link_package() { # the sources under their installed names, for what reads them without importing: mypy, mkdocstrings, editors
+    local package=build/package/v3studio
+    rm -rf "$package" && mkdir -p "$package"
+    ln -s ../../../{studio,pipelines,gui} ../../../v3studio/{__init__.py,__init__.pyi,py.typed} "$package"
+}
 
 package=yes sets=()
 for word in "$@"; do
@@ -128,6 +133,9 @@ for set in ${sets[@]+"${sets[@]}"}; do
 done
 if [ -n "$package" ]; then
     sources=$(find studio/rasterizer -name '*.cpp' -o -name '*.h' | LC_ALL=C sort)
-    part package "$(digest pyproject.toml CMakeLists.txt $sources)" install_package
+    # The editable installation lists all modules: a module that became a package is not found by the old list.
+    modules=$(find studio pipelines gui v3studio -name '*.py' | LC_ALL=C sort)
+    part package "$(digest pyproject.toml CMakeLists.txt $sources <(echo "$modules"))" install_package
+    link_package
 fi
 [ -z "$fresh" ] || du -sm .venv | awk '{ print "Installed into .venv: " $1 " MB" }'

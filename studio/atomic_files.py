@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 PARTIAL = ".partial"
 """Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studio.errors import StudioError
-from studio.json_types import JsonObject
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
 
 _BRACKETS = re.compile(rb"[\[{]+|[\]}]+")
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from studio.counts import counted, short_repr
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.validation import array, camera_error, check_finite, missing_key, whole
+from v3studio.studio.counts import counted, short_repr
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import array, camera_error, check_finite, missing_key, whole
 
 OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns the camera axes of OpenGL and of film tools (y up, looking along -z) into those of OpenCV, and back."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.json_types import JsonObject
+from v3studio.studio.cameras import Camera
+from v3studio.studio.json_types import JsonObject
 
 LEAST_ANGLE, MOST_ANGLE = 35.0, 50.0
 """Degrees to the nearest camera up to which a view is good: three quarters of the typical distance between neighboring

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from studio.json_types import JsonObject
+from v3studio.studio.json_types import JsonObject
 
 if TYPE_CHECKING:
     from pydantic import ValidationError

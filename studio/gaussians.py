@@ -16,9 +16,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from studio.counts import short_repr
-from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from studio.errors import StudioError
+from v3studio.studio.counts import short_repr
+from v3studio.studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
+from v3studio.studio.errors import StudioError
 
 SH_C0 = 0.28209479177387814
 """Y_0, the constant spherical harmonic 1 / (2 sqrt(pi)): color = 0.5 + SH_C0 * sh[:, 0] at degree 0."""

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 SSIM_WINDOW = 11  # size of the Gaussian window of SSIM in pixels
 SSIM_SIGMA = 1.5  # standard deviation of the Gaussian window of SSIM in pixels

@@ -10,8 +10,8 @@ Imported splats have no cameras, and are treated alike by their own middle and r
 
 import numpy as np
 
-from studio.cameras import Rig
-from studio.similarity import Similarity
+from v3studio.studio.cameras import Rig
+from v3studio.studio.similarity import Similarity
 
 _LEAST, _MOST = 0.5, 32.0  # radius of a rig that is not scaled, in its units
 _USUAL = 3.3259015  # radius of one that is: that of the sample capture, in meters

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Union
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from studio.bounded_files import TextError
-from studio.errors import Message, StudioError, violation
-from studio.json_types import JsonObject
+from v3studio.studio.bounded_files import TextError
+from v3studio.studio.errors import Message, StudioError, violation
+from v3studio.studio.json_types import JsonObject
 
 COMMAND_LINE = "command line"
 OVERRIDES = "overrides"
@@ -120,7 +120,7 @@ _Marker = TypeVar("_Marker", Affects, Empty, Heading, Unbounded)
 def as_list(text: str, *, plain: bool = False) -> Any:
     """The items of a list that was written without brackets ("cam05, cam99"); text that cannot be one is returned as it
     is. `plain`: leave every item as the text that it is, so that camera 01 does not become 1."""
-    from studio.yaml_text import parse_yaml
+    from v3studio.studio.yaml_text import parse_yaml
 
     if not text.strip() or not set(text).isdisjoint("[]{}&*!:"):  # nothing nested
         return text

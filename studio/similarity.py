@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera, Rig
-from studio.counts import short_repr
-from studio.json_types import JsonObject
-from studio.rotations import matrices_to_quats, quats_to_matrices
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.counts import short_repr
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.rotations import matrices_to_quats, quats_to_matrices
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from studio.audio.pcm import Pcm, part_of
-from studio.cameras import Camera
-from studio.counts import short_repr
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity
+from v3studio.studio.audio.pcm import Pcm, part_of
+from v3studio.studio.cameras import Camera
+from v3studio.studio.counts import short_repr
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.similarity import Similarity
 
 
 @dataclass(frozen=True, eq=False)

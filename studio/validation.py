@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 
 def camera_error(

@@ -15,7 +15,7 @@ from ruamel.yaml.constructor import ConstructorError, DuplicateKeyError, SafeCon
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.representer import SafeRepresenter
 
-from studio.bounded_files import Bounds, TextError, check_depth, check_text, check_value, too_deep
+from v3studio.studio.bounded_files import Bounds, TextError, check_depth, check_text, check_value, too_deep
 
 BOUNDS = Bounds(size=4 << 20, values=200_000)
 """Smaller than for JSON: a megabyte takes about 20 s to parse, and settings and points have kilobytes."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import hypothesis
 import pytest
 
-from studio.process import passive_openmp
 from tests.support.shared import made_once
+from v3studio.studio.process import passive_openmp
 
 passive_openmp()  # before torch is imported; not here, since pytest-xdist's own process does without
 

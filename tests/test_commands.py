@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pipelines.cli import parse
-from pipelines.commands.common.arguments import overrides
-from pipelines.config import load_config
+from v3studio.pipelines.cli import parse
+from v3studio.pipelines.commands.common.arguments import overrides
+from v3studio.pipelines.config import load_config
 
 ROOT = Path(__file__).parents[1]
 PAGES = [

@@ -12,22 +12,22 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from pipelines.config.loading import load_config, parse_override
-from pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
-from pipelines.takes.marks import read_marks
-from pipelines.takes.take import Take
-from studio.audio import SoundFile
-from studio.calibration.manual.file import read_tie_points
-from studio.camera_files import read_rig, write_rig
-from studio.capture.images import read_image
-from studio.capture.video import VideoReader
-from studio.errors import StudioError
-from studio.stream import BakeSettings
 from tests.support.rigs import ring
 from tests.support.sounds import write_wav
 from tests.support.splats import converted_splats
 from tests.support.streams import bake_numbered
 from tests.support.tiny_capture import ROOT, SETTINGS
+from v3studio.pipelines.config.loading import load_config, parse_override
+from v3studio.pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
+from v3studio.pipelines.takes.marks import read_marks
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.audio import SoundFile
+from v3studio.studio.calibration.manual.file import read_tie_points
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.capture.images import read_image
+from v3studio.studio.capture.video import VideoReader
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import BakeSettings
 
 Read = Callable[[Path], object]
 EXTREMES = (

@@ -18,6 +18,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("v3studio", "gui", "pipelines", "studio")  # each may import the ones after it
+INSTALLED = ("v3studio", "v3studio.gui", "v3studio.pipelines", "v3studio.studio")  # their names as packages
 PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PROJECT = tomllib.loads(PYPROJECT)["project"]
 EXTRAS = PROJECT["optional-dependencies"]
@@ -104,9 +105,10 @@ def module_edges() -> dict[str, set[str]]:
     """Module to the modules that it imports, inside functions and for types too. A name of a package counts as the
     submodule of that name where there is one, else as the package itself."""
     modules = {}
-    for package in PACKAGES:
+    for package, name in zip(PACKAGES, INSTALLED, strict=True):
         for path in (ROOT / package).rglob("*.py"):
-            modules[".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")] = path
+            inner = path.relative_to(ROOT / package).with_suffix("").parts
+            modules[".".join((name, *inner)).removesuffix(".__init__")] = path
     edges: dict[str, set[str]] = {}
     for module, path in modules.items():
         targets = set()
@@ -154,7 +156,9 @@ GUI = (
 """Of `gui`, top down: each may import the ones after it, and nothing before it."""
 
 
-@pytest.mark.parametrize(("root", "order"), [("", PACKAGES), ("pipelines.", PIPELINES), ("gui.", GUI)])
+@pytest.mark.parametrize(
+    ("root", "order"), [("", INSTALLED), ("v3studio.pipelines.", PIPELINES), ("v3studio.gui.", GUI)]
+)
 def test_packages_import_downwards(root: str, order: tuple[str, ...]) -> None:
     def level(module: str) -> int:
         """Of the longest name in `order` that the module is in."""
@@ -177,7 +181,7 @@ def test_packages_import_downwards(root: str, order: tuple[str, ...]) -> None:
     ("folders", "forbidden", "exception"),
     [
         (PACKAGES, "tests", ""),
-        (("gui",), "pipelines.stages", "gui/models/stages.py"),
+        (("gui",), "v3studio.pipelines.stages", "gui/models/stages.py"),
         (("gui/models", "gui/drawing"), "open3d", ""),
         (("gui/pages",), "open3d", "gui/pages/start/panel.py"),  # the start page's panel is a widget
     ],
@@ -194,7 +198,7 @@ def test_what_is_imported_in_one_place_only(folders: tuple[str, ...], forbidden:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("module", ["pipelines.cli", "gui.app"])
+@pytest.mark.parametrize("module", ["v3studio.pipelines.cli", "v3studio.gui.app"])
 def test_help_imports_nothing_heavy(module: str) -> None:
     code = (
         f"import sys, {module} as command\nsys.argv = ['command', '--help']\n"

@@ -19,11 +19,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from pipelines.takes.take import Take
-from studio.errors import StudioError
-from studio.stream import StreamReader, check_stream
 from tests.support.tiny_capture import ROOT, SETTINGS, environment, write_capture
 from tests.support.warm_python import WarmProcess, warm_python
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import StreamReader, check_stream
 
 FAULTS = ROOT / "benchmarks" / "attack" / "faults.py"
 PATIENCE = 600.0  # seconds that a run may take before it counts as hanging; the machine may be busy

@@ -23,7 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from studio.training import settings
+from v3studio.studio.training import settings
 
 _CHANGES = ("os.rename", "os.link", "os.symlink", "os.mkdir", "os.remove", "os.rmdir", "os.truncate")
 _FREES = ("os.remove", "os.rmdir")
@@ -87,9 +87,9 @@ def main() -> None:
     settings.CHECKPOINT_EVERY = 10  # tiny takes train 12 steps
     faults = Faults(kind, int(number), Path(folder))
     sys.argv = ["v3studio", *arguments]
-    sys.modules.pop("pipelines.cli", None)
+    sys.modules.pop("v3studio.pipelines.cli", None)
     try:
-        runpy.run_module("pipelines.cli", run_name="__main__", alter_sys=True)
+        runpy.run_module("v3studio.pipelines.cli", run_name="__main__", alter_sys=True)
     finally:
         if kind == "count":
             Path(f"{folder}.writes").write_text(str(faults.count))

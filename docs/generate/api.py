@@ -5,20 +5,20 @@ from pathlib import Path
 
 MODULES = {
     "v3studio": "The public interface",
-    "studio.gaussians": "Gaussians",
-    "studio.cameras": "Cameras",
-    "studio.capture": "Footage",
-    "studio.masks": "Masks",
-    "studio.calibration": "Calibration",
-    "studio.camera_files": "Camera files",
-    "studio.meshing": "Visual hull and initial points",
-    "studio.training": "Training",
-    "studio.rasterizer": "Rasterizer",
-    "studio.stream": "Stream",
-    "studio.playback": "Playback",
-    "studio.formats": "Formats of other programs",
-    "studio.metrics": "Metrics",
-    "studio.errors": "Errors",
+    "v3studio.studio.gaussians": "Gaussians",
+    "v3studio.studio.cameras": "Cameras",
+    "v3studio.studio.capture": "Footage",
+    "v3studio.studio.masks": "Masks",
+    "v3studio.studio.calibration": "Calibration",
+    "v3studio.studio.camera_files": "Camera files",
+    "v3studio.studio.meshing": "Visual hull and initial points",
+    "v3studio.studio.training": "Training",
+    "v3studio.studio.rasterizer": "Rasterizer",
+    "v3studio.studio.stream": "Stream",
+    "v3studio.studio.playback": "Playback",
+    "v3studio.studio.formats": "Formats of other programs",
+    "v3studio.studio.metrics": "Metrics",
+    "v3studio.studio.errors": "Errors",
 }
 
 INTRODUCTION = """# Python API
@@ -56,7 +56,7 @@ def _members(root: Path, name: str) -> str:
 
 
 def _file(root: Path, name: str) -> Path | None:
-    path = root.joinpath(*name.split("."))
+    path = root.joinpath(*(name.removeprefix("v3studio.") if "." in name else name).split("."))
     files = (path / "__init__.py", path.with_suffix(".py"))
     return next((file for file in files if file.is_file()), None)
 

@@ -20,7 +20,7 @@ _WIDTH = "100"  # argparse wraps usage lines at the terminal's width
 
 def commands_page() -> str:
     """Markdown of `v3studio` with all its commands, and of `v3studio-gui`."""
-    from pipelines.cli import make_parser
+    from v3studio.pipelines.cli import make_parser
 
     os.environ["COLUMNS"] = _WIDTH
     parser, commands = make_parser()
@@ -85,7 +85,7 @@ def _sentence(text: str) -> str:
 
 
 def _gui_help() -> str:
-    from gui.app import main
+    from v3studio.gui.app import main
 
     output = io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):

@@ -14,7 +14,7 @@ INTRODUCTION = """# Error codes
 Every error and warning of V3 Studio has a stable code. The meaning of a code never changes; its text may. Programs
 should rely on the code and its fields, not on the text.
 
-In Python, an error is a `studio.errors.StudioError` with the attributes `code`, `problem`, `file`, `value`, `fix` and
+In Python, an error is a `v3studio.StudioError` with the attributes `code`, `problem`, `file`, `value`, `fix` and
 `fields`. With `--json`, the event that the command prints has the same fields.
 
 This page is generated from the source and lists every place that raises a code. Words in *italics* are placeholders.

@@ -37,7 +37,7 @@ _JSON = {
 
 def events_page() -> str:
     """Markdown of all events."""
-    from pipelines import events
+    from v3studio.pipelines import events
 
     common = {field.name for field in fields(events.Event)}
     lines = [INTRODUCTION]

@@ -22,8 +22,8 @@ from generate.events import events_page  # noqa: E402
 from generate.names import unknown_names  # noqa: E402
 from generate.settings import setting_names, settings_page  # noqa: E402
 
-from pipelines.share.page import PageText  # noqa: E402
-from pipelines.share.sharing import share  # noqa: E402
+from v3studio.pipelines.share.page import PageText  # noqa: E402
+from v3studio.pipelines.share.sharing import share  # noqa: E402
 
 log = get_plugin_logger("docs")
 

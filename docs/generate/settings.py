@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from generate.markdown import code, escaped, table
 from pydantic.fields import FieldInfo
 
-from pipelines.config.config import Config, values_of
-from pipelines.config.description import allowed_values
-from studio.settings import Heading, Settings, affected, marker
-from studio.yaml_text import inline_yaml
+from v3studio.pipelines.config.config import Config, values_of
+from v3studio.pipelines.config.description import allowed_values
+from v3studio.studio.settings import Heading, Settings, affected, marker
+from v3studio.studio.yaml_text import inline_yaml
 
 INTRODUCTION = """# Settings
 

@@ -2,18 +2,18 @@
 
 from pathlib import Path
 
-from gui.drawing.palette import BAD, DIM
-from gui.models.playback.other_source import OtherSource, open_other
-from gui.models.worker import Done, LatestWorker
-from gui.shell import Shell
-from gui.widgets.dialogs.base import Answer, filled, in_lines
-from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.picture import color
-from pipelines.events import as_message
-from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
-from pipelines.takes.take import Take
-from studio.counts import size_words
+from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.models.playback.other_source import OtherSource, open_other
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.base import Answer, filled, in_lines
+from v3studio.gui.widgets.dialogs.folder import ask_path
+from v3studio.gui.widgets.picture import color
+from v3studio.pipelines.events import as_message
+from v3studio.pipelines.takes.atomic_files import disk_errors
+from v3studio.pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.counts import size_words
 
 NAME = "bakes"
 ROWS, MESSAGE_LINES = 8, 2

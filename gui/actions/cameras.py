@@ -5,21 +5,21 @@ from functools import partial
 
 import numpy as np
 
-from gui.drawing.compare import ALONE
-from gui.models.evaluation import Evaluation, WorstFrame
-from gui.models.loop import later
-from gui.models.playback.image_zoom import ImageZoom
-from gui.pages.capture.view import MASKS
-from gui.shell import Shell
-from gui.widgets.camera_menu import Item
-from gui.widgets.dialogs.camera import ask_cameras
-from gui.widgets.dialogs.worst import WorstDialog
-from pipelines.takes.camera_uses import camera_uses, settings_of_uses
-from pipelines.takes.stage_files import checked_cameras
-from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport
-from studio.comparison.metrics import MAIN
-from studio.errors import StudioError
+from v3studio.gui.drawing.compare import ALONE
+from v3studio.gui.models.evaluation import Evaluation, WorstFrame
+from v3studio.gui.models.loop import later
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.gui.pages.capture.view import MASKS
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.camera_menu import Item
+from v3studio.gui.widgets.dialogs.camera import ask_cameras
+from v3studio.gui.widgets.dialogs.worst import WorstDialog
+from v3studio.pipelines.takes.camera_uses import camera_uses, settings_of_uses
+from v3studio.pipelines.takes.stage_files import checked_cameras
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.comparison.metrics import MAIN
+from v3studio.studio.errors import StudioError
 
 _USES = {  # what a camera is used for: the item of its menu, and what that does
     "training": ("Use for training", "train on {}"),

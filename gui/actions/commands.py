@@ -8,32 +8,32 @@ from typing import Any
 
 from open3d.visualization import gui
 
-from gui.actions.bakes import BakeActions
-from gui.actions.cameras import CameraActions
-from gui.actions.edits import EditActions
-from gui.actions.help import show_shortcuts, show_stage_help
-from gui.actions.marks import ask_mark, go_to_next, show_marks
-from gui.actions.menus import Item
-from gui.actions.output import OutputActions
-from gui.actions.path import PathActions
-from gui.actions.points import follow_points, point_keys
-from gui.actions.queue import QueueActions
-from gui.actions.search import SearchActions, opens_list
-from gui.actions.shares import ask_share, follow_sharing, serve
-from gui.actions.start import StartActions
-from gui.models.loop import later
-from gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES
-from gui.models.stage_rows import TITLES
-from gui.models.take.setting_words import FOLDERS
-from gui.models.take.settings import SettingField, place_of
-from gui.platform.clipboard import Clipboard
-from gui.shell import Shell
-from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.dialogs.form import Form
-from gui.widgets.dialogs.take import NewTakeDialog
-from pipelines.new_take import NewTake
-from pipelines.takes.take import program_version
-from studio.errors import StudioError
+from v3studio.gui.actions.bakes import BakeActions
+from v3studio.gui.actions.cameras import CameraActions
+from v3studio.gui.actions.edits import EditActions
+from v3studio.gui.actions.help import show_shortcuts, show_stage_help
+from v3studio.gui.actions.marks import ask_mark, go_to_next, show_marks
+from v3studio.gui.actions.menus import Item
+from v3studio.gui.actions.output import OutputActions
+from v3studio.gui.actions.path import PathActions
+from v3studio.gui.actions.points import follow_points, point_keys
+from v3studio.gui.actions.queue import QueueActions
+from v3studio.gui.actions.search import SearchActions, opens_list
+from v3studio.gui.actions.shares import ask_share, follow_sharing, serve
+from v3studio.gui.actions.start import StartActions
+from v3studio.gui.models.loop import later
+from v3studio.gui.models.preferences import BACKGROUND_NAMES, PICTURE_SIZES
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.setting_words import FOLDERS
+from v3studio.gui.models.take.settings import SettingField, place_of
+from v3studio.gui.platform.clipboard import Clipboard
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.folder import ask_path
+from v3studio.gui.widgets.dialogs.form import Form
+from v3studio.gui.widgets.dialogs.take import NewTakeDialog
+from v3studio.pipelines.new_take import NewTake
+from v3studio.pipelines.takes.take import program_version
+from v3studio.studio.errors import StudioError
 
 Action = Callable[[], object]
 

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 from open3d.visualization import gui
 
-from gui.models.loop import later
-from gui.models.worker import Done, LatestWorker
-from gui.pages.review.numbers import TITLES, fields_of, with_numbers
-from gui.shell import Shell
-from gui.widgets.dialogs.form import ask_numbers
-from gui.widgets.picture import holds
-from pipelines.takes.edited import newly_removed
-from pipelines.takes.edits import describe, singular
-from pipelines.takes.take import Take
-from studio.counts import counted
-from studio.edits.edit_list import EditList
-from studio.errors import Cancelled
+from v3studio.gui.models.loop import later
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.gui.pages.review.numbers import TITLES, fields_of, with_numbers
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.form import ask_numbers
+from v3studio.gui.widgets.picture import holds
+from v3studio.pipelines.takes.edited import newly_removed
+from v3studio.pipelines.takes.edits import describe, singular
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.counts import counted
+from v3studio.studio.edits.edit_list import EditList
+from v3studio.studio.errors import Cancelled
 
 REMOVED = (
     "A splat is removed from all frames of its group. In other groups, those are\n"

@@ -4,15 +4,15 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.actions.menus import Menus
-from gui.drawing.key_list import key_list
-from gui.models.stage_rows import TITLES
-from gui.models.take.page_words import setting_words
-from gui.models.take.remedies import Fix
-from gui.shell import Shell
-from gui.widgets.dialogs.base import BUTTON_PADDING
-from gui.widgets.picture import FIELD_PADDING, as_image, lowered
-from gui.widgets.stage_help import HELP, help_image
+from v3studio.gui.actions.menus import Menus
+from v3studio.gui.drawing.key_list import key_list
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.page_words import setting_words
+from v3studio.gui.models.take.remedies import Fix
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.base import BUTTON_PADDING
+from v3studio.gui.widgets.picture import FIELD_PADDING, as_image, lowered
+from v3studio.gui.widgets.stage_help import HELP, help_image
 
 KEYS: dict[str, dict[str, str]] = {  # keys and what they do, under headings, besides those of the menus
     "Playback": {

@@ -5,13 +5,13 @@ from functools import partial
 
 import numpy as np
 
-from gui.models.history import Change
-from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.player import PlayerPresenter
-from gui.models.scene.orbit import OrbitCamera
-from gui.shell import Shell
-from pipelines.takes.marks import Mark, MarkView
-from studio.errors import StudioError
+from v3studio.gui.models.history import Change
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.shell import Shell
+from v3studio.pipelines.takes.marks import Mark, MarkView
+from v3studio.studio.errors import StudioError
 
 NO_MARKS = "No frame is marked. Press M to mark the frame on screen."
 

@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 
 from open3d.visualization import gui
 
-from gui.widgets.picture import text_room
+from v3studio.gui.widgets.picture import text_room
 
 Acting = TypeVar("Acting")
 

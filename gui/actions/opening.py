@@ -4,12 +4,12 @@ import ctypes
 import threading
 from collections.abc import Callable
 
-from gui.models.marks import Marks
-from gui.models.playback.sources import Opened, load
-from gui.models.worker import Done, LatestWorker
-from gui.shell import Shell
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.playback.sources import Opened, load
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.gui.shell import Shell
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
 
 Loaded = tuple[Opened, Gaussians | None]
 

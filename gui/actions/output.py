@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from gui.models.take.exports import (
+from v3studio.gui.models.take.exports import (
     ALL_FRAMES,
     FORMATS,
     LEAST_SECONDS,
@@ -14,13 +14,13 @@ from gui.models.take.exports import (
     WHOLE,
     ExportRequest,
 )
-from gui.shell import Shell
-from gui.widgets.dialogs.form import Form
-from pipelines.commands.export import DEFAULT_OF
-from pipelines.reports.evaluation import update_marks
-from pipelines.reports.images import write_image
-from studio.errors import StudioError
-from studio.formats import EXPORTS
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.form import Form
+from v3studio.pipelines.commands.export import DEFAULT_OF
+from v3studio.pipelines.reports.evaluation import update_marks
+from v3studio.pipelines.reports.images import write_image
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import EXPORTS
 
 
 class OutputActions:

@@ -6,11 +6,11 @@ from typing import Any
 
 from open3d.visualization import gui
 
-from gui.models.loop import later
-from gui.pages.calibrate.marks import TieMarks
-from gui.shell import Shell
-from gui.widgets.dialogs.form import ask_numbers
-from studio.errors import StudioError
+from v3studio.gui.models.loop import later
+from v3studio.gui.pages.calibrate.marks import TieMarks
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.form import ask_numbers
+from v3studio.studio.errors import StudioError
 
 
 def follow_points(window: Shell) -> None:

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from gui.drawing.palette import BAD, DIM
-from gui.models.take.take_queue import TakeQueue
-from gui.shell import Shell
-from gui.widgets.dialogs.base import filled, in_lines
-from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.picture import color
+from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.models.take.take_queue import TakeQueue
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.base import filled, in_lines
+from v3studio.gui.widgets.dialogs.folder import ask_path
+from v3studio.gui.widgets.picture import color
 
 ROWS, MESSAGE_LINES = 12, 3
 NAME = "queue"

@@ -5,11 +5,11 @@ from typing import Any
 
 from open3d.visualization import gui
 
-from gui.actions.menus import Item, Menus
-from gui.models.loop import LOOP
-from gui.shell import Shell
-from gui.widgets.command_list import Command
-from gui.widgets.dialogs.command import CommandDialog
+from v3studio.gui.actions.menus import Item, Menus
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.command_list import Command
+from v3studio.gui.widgets.dialogs.command import CommandDialog
 
 
 def opens_list(event: gui.KeyEvent, shift: bool) -> bool:

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import DIM, FAIR
-from gui.models.loop import later
-from gui.models.take.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest, share_words, stale_words
-from gui.shell import Shell
-from gui.widgets.dialogs.base import in_lines
-from gui.widgets.dialogs.form import Form
-from gui.widgets.picture import ImagePanel, color
-from pipelines.share.addresses import qr_pixels
-from pipelines.share.sharing import ShareSize, share_size
-from studio.errors import StudioError
+from v3studio.gui.drawing.palette import DIM, FAIR
+from v3studio.gui.models.loop import later
+from v3studio.gui.models.take.shares import FORMS, PHONES, PHONES_SERVE, ShareRequest, share_words, stale_words
+from v3studio.gui.shell import Shell
+from v3studio.gui.widgets.dialogs.base import in_lines
+from v3studio.gui.widgets.dialogs.form import Form
+from v3studio.gui.widgets.picture import ImagePanel, color
+from v3studio.pipelines.share.addresses import qr_pixels
+from v3studio.pipelines.share.sharing import ShareSize, share_size
+from v3studio.studio.errors import StudioError
 
 STALE_LINES = 4  # lines of the warning that the stream is out of date
 QR_SIZE = 22  # largest width of the QR code, in font sizes

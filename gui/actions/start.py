@@ -4,14 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import unquote
 
-from gui.models.folders import kind_of
-from gui.models.loop import LOOP
-from gui.models.take.take_queue import TakeQueue
-from gui.pages.start.page import StartPage
-from gui.platform.clipboard import Clipboard
-from gui.shell import Shell
-from pipelines.new_take import NewTake, make_sample_take, sample_settings
-from studio.storage import is_address
+from v3studio.gui.models.folders import kind_of
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.models.take.take_queue import TakeQueue
+from v3studio.gui.pages.start.page import StartPage
+from v3studio.gui.platform.clipboard import Clipboard
+from v3studio.gui.shell import Shell
+from v3studio.pipelines.new_take import NewTake, make_sample_take, sample_settings
+from v3studio.studio.storage import is_address
 
 LOOK_EVERY = 0.25  # seconds between two looks at the files of the page
 

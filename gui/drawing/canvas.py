@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from gui.drawing.icons import FONT, ICON_SIZE, icon
-from gui.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
+from v3studio.gui.drawing.icons import FONT, ICON_SIZE, icon
+from v3studio.gui.drawing.palette import BORDER, GROUND, RAISED, RGB, TEXT
 
 ROUND = 0.25  # radius of the corners of buttons in font sizes, as the toolkit draws its own
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas, fitted, text_width
-from gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
+from v3studio.gui.drawing.canvas import Canvas, fitted, text_width
+from v3studio.gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
 MODES = ("single", "side by side", "wipe", "difference", "scene")
 ALONE = ("single", "scene")  # modes that compare nothing

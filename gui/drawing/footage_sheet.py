@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.compare import Box, boxes, label
-from gui.drawing.palette import ACCENT, DIALOG, DIM, HELD_OUT, RAISED, RGB, TEXT
-from pipelines.inspection import Inspection
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.compare import Box, boxes, label
+from v3studio.gui.drawing.palette import ACCENT, DIALOG, DIM, HELD_OUT, RAISED, RGB, TEXT
+from v3studio.pipelines.inspection import Inspection
 
 FRAMES, GAP = 0.28, 0.5  # share of the height that the strip of frames gets; gap above it, em
 DARK = 0.3  # brightness of cameras and frames that are not used

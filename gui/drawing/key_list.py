@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, wrapped
-from gui.drawing.palette import ACCENT, DIALOG, LINE, TEXT
+from v3studio.gui.drawing.canvas import Canvas, line_height, wrapped
+from v3studio.gui.drawing.palette import ACCENT, DIALOG, LINE, TEXT
 
 KEYS = 0.36  # share of a column that the keys take
 

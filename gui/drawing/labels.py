@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, text_width
-from gui.drawing.palette import GROUND, RGB, TEXT
+from v3studio.gui.drawing.canvas import Canvas, line_height, text_width
+from v3studio.gui.drawing.palette import GROUND, RGB, TEXT
 
 GAP = 3  # pixels between a name and what it names
 

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Collection
 from itertools import pairwise
 
-from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.palette import DIM, RAISED, STATE_COLORS, TEXT
-from pipelines.events import GroupState
+from v3studio.gui.drawing.canvas import Canvas, line_height
+from v3studio.gui.drawing.palette import DIM, RAISED, STATE_COLORS, TEXT
+from v3studio.pipelines.events import GroupState
 
 _ORDER = ("failed", "running", "retried", "done", "queued")
 """From top to bottom: of many groups, those that have something to tell are seen."""

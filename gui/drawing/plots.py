@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, text_width
-from gui.drawing.palette import DIM, LINE, PANEL, SECOND, SERIES, TEXT
+from v3studio.gui.drawing.canvas import Canvas, text_width
+from v3studio.gui.drawing.palette import DIM, LINE, PANEL, SECOND, SERIES, TEXT
 
 
 def ticks(low: float, high: float, count: int = 4) -> list[float]:

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gui.models.history import Change, History
-from pipelines.takes.frame_numbers import FrameNumbers
-from studio.cameras import Camera
-from studio.errors import StudioError
-from studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
+from v3studio.gui.models.history import Change, History
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys
 
 KEY_SECONDS = 2.0  # seconds of the movie from the last view to one that is added
 LEAST_SECONDS = 0.1  # least seconds between two views

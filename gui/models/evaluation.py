@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipelines.takes.evaluation import FrameQuality, Quality, read_evaluation
-from studio.comparison.metrics import MAIN
-from studio.errors import StudioError
+from v3studio.pipelines.takes.evaluation import FrameQuality, Quality, read_evaluation
+from v3studio.studio.comparison.metrics import MAIN
+from v3studio.studio.errors import StudioError
 
 DECODED = f"{MAIN.name}_decoded"
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.capture.patterns import natural_key
+from v3studio.studio.capture.patterns import natural_key
 
 MOST_ENTRIES = 1000  # longer lists are truncated; any path can be typed
 

@@ -3,9 +3,9 @@
 from collections.abc import Collection, Iterable
 from functools import lru_cache
 
-from gui.models.stages import Inputs
-from pipelines.takes.camera_uses import camera_uses
-from studio.errors import StudioError
+from v3studio.gui.models.stages import Inputs
+from v3studio.pipelines.takes.camera_uses import camera_uses
+from v3studio.studio.errors import StudioError
 
 
 @lru_cache(maxsize=1)

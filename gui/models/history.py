@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 MOST = 200  # changes that are remembered
 _LASTING = ("take.mark_changed", "take.edits_changed")  # refusals that will be repeated

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
-from studio.errors import StudioError
+from v3studio.pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
+from v3studio.studio.errors import StudioError
 
 
 class Marks:

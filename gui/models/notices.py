@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 SHOWN_SECONDS = 12.0
 """Least time that a notice is shown; longer ones stay longer. Failures stay until they are dismissed."""

@@ -8,8 +8,8 @@ import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from pipelines.takes.atomic_files import write_text
-from studio.bounded_files import parse_json
+from v3studio.pipelines.takes.atomic_files import write_text
+from v3studio.studio.bounded_files import parse_json
 
 RECENT = 10  # most opened takes that are kept
 

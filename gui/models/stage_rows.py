@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field
 
-from gui.models.stages import STAGES, Inputs, camera_file
-from pipelines.runs.runner import status
-from pipelines.runs.staleness import StageStatus
-from studio.errors import Message, StudioError
+from v3studio.gui.models.stages import STAGES, Inputs, camera_file
+from v3studio.pipelines.runs.runner import status
+from v3studio.pipelines.runs.staleness import StageStatus
+from v3studio.studio.errors import Message, StudioError
 
 TITLES = {"capture": "Capture"}
 TITLES |= {"review" if stage.name == "evaluate" else stage.name: stage.title for stage in STAGES}

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from gui.models.loop import LOOP
+from v3studio.gui.models.loop import LOOP
 
 Request = TypeVar("Request")
 Result = TypeVar("Result")

@@ -1,6 +1,6 @@
 """The buttons above the view: (key, label, tooltip). An empty key is a gap."""
 
-from gui.widgets.modes import Choice
+from v3studio.gui.widgets.modes import Choice
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
     ("footage", "Footage", "Footage of a capture camera, masked (1)"),

@@ -6,23 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.palette import DIM
-from gui.models.scene.contents import Cloud, SceneContents, cloud
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.render import draw_contents
-from gui.models.take.workspace import Workspace, modified
-from gui.pages.stage_view import OrbitView, Size
-from gui.widgets.raycast import RaycastMesh
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.point_files import read_points
-from pipelines.takes.stage_files import InitialPointsReport
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.memory_cache import MemoryCache
-from studio.own_frame import in_own_frame
-from studio.similarity import Similarity
+from v3studio.gui.drawing.palette import DIM
+from v3studio.gui.models.scene.contents import Cloud, SceneContents, cloud
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.scene.render import draw_contents
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.stage_view import OrbitView, Size
+from v3studio.gui.widgets.raycast import RaycastMesh
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.stage_files import InitialPointsReport
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.own_frame import in_own_frame
+from v3studio.studio.similarity import Similarity
 
 
 class InitializeView(OrbitView):

@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 
-from gui.drawing.palette import GROUND
-from gui.pages.stage_view import waiting
+from v3studio.gui.drawing.palette import GROUND
+from v3studio.gui.pages.stage_view import waiting
 
 LOADING = "loading"  # what the empty view says while its very first image is being rendered
 

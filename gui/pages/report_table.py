@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from studio.capture.patterns import natural_key
+from v3studio.studio.capture.patterns import natural_key
 
 CAMERA = "camera"  # title of the column of names
 

@@ -6,15 +6,15 @@ from typing import ClassVar, cast
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, shortened
-from gui.drawing.palette import DIM, GROUND, TEXT
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.take.inspector import Block
-from gui.models.take.page_words import in_page_words
-from gui.models.take.workspace import Workspace
-from gui.models.worker import LatestWorker
-from pipelines.takes.summaries import summary_words
-from studio.errors import StudioError
+from v3studio.gui.drawing.canvas import Canvas, line_height, shortened
+from v3studio.gui.drawing.palette import DIM, GROUND, TEXT
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.take.inspector import Block
+from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.models.worker import LatestWorker
+from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.studio.errors import StudioError
 
 PICK_MARGIN = 3.0  # pixels by which a click may miss a camera: frustums far away are small
 

@@ -2,27 +2,27 @@
 
 import numpy as np
 
-from gui.models.loop import Signal
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.viewpoint import Rest
-from gui.models.scene.contents import PARTS
-from gui.models.scene.gizmo import along
-from gui.models.stage_rows import TITLES
-from gui.models.take.workspace import Workspace
-from gui.pages.bake.view import BakeView
-from gui.pages.calibrate.points_view import PointsView
-from gui.pages.calibrate.view import CalibrateView
-from gui.pages.capture.camera_color_pairs import CameraColorsView
-from gui.pages.capture.view import GARBAGE, MASKS, CaptureView
-from gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
-from gui.pages.initialize import InitializeView
-from gui.pages.newest_image import NewestImage
-from gui.pages.review.tools import EDIT_CHOICES
-from gui.pages.review.view import EditView
-from gui.pages.stage_view import StageView, shown_at
-from gui.pages.train import TrainView
-from pipelines.takes.frame_numbers import FrameNumbers
-from studio.edits.edit_list import EditList
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.viewpoint import Rest
+from v3studio.gui.models.scene.contents import PARTS
+from v3studio.gui.models.scene.gizmo import along
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.bake.view import BakeView
+from v3studio.gui.pages.calibrate.points_view import PointsView
+from v3studio.gui.pages.calibrate.view import CalibrateView
+from v3studio.gui.pages.capture.camera_color_pairs import CameraColorsView
+from v3studio.gui.pages.capture.view import GARBAGE, MASKS, CaptureView
+from v3studio.gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
+from v3studio.gui.pages.initialize import InitializeView
+from v3studio.gui.pages.newest_image import NewestImage
+from v3studio.gui.pages.review.tools import EDIT_CHOICES
+from v3studio.gui.pages.review.view import EditView
+from v3studio.gui.pages.stage_view import StageView, shown_at
+from v3studio.gui.pages.train import TrainView
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.studio.edits.edit_list import EditList
 
 EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 

@@ -7,19 +7,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.compare import boxes
-from gui.drawing.lanes import draw_lanes
-from gui.drawing.palette import DIM, GROUND, RAISED, TEXT
-from gui.drawing.plots import curve, legend
-from gui.models.scene.compose import draw
-from gui.models.stages import performer_over
-from gui.models.take.run_state import Curve
-from gui.pages.stage_view import Size, StageView, sentence
-from pipelines.runs.staleness import MISSING
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
-from studio.errors import StudioError
+from v3studio.gui.drawing.canvas import Canvas, line_height
+from v3studio.gui.drawing.compare import boxes
+from v3studio.gui.drawing.lanes import draw_lanes
+from v3studio.gui.drawing.palette import DIM, GROUND, RAISED, TEXT
+from v3studio.gui.drawing.plots import curve, legend
+from v3studio.gui.models.scene.compose import draw
+from v3studio.gui.models.stages import performer_over
+from v3studio.gui.models.take.run_state import Curve
+from v3studio.gui.pages.stage_view import Size, StageView, sentence
+from v3studio.pipelines.runs.staleness import MISSING
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
+from v3studio.studio.errors import StudioError
 
 CURVES = (
     ("loss", "Loss", "{:.4f}"),

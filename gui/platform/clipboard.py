@@ -6,7 +6,7 @@ is lost when the window is closed, unless the desktop has a clipboard manager.
 
 import ctypes
 
-from gui.platform.xlib import Connection, errors_ignored
+from v3studio.gui.platform.xlib import Connection, errors_ignored
 
 _SELECTION_CLEAR, _SELECTION_REQUEST, _SELECTION_NOTIFY = 29, 30, 31
 _ATOM = 4

@@ -4,7 +4,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 
 class Opener:

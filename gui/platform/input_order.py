@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from gui.platform.presses import KeyReports, Press
-from gui.platform.x_window import BUTTONS
-from gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
+from v3studio.gui.platform.presses import KeyReports, Press
+from v3studio.gui.platform.x_window import BUTTONS
+from v3studio.gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
 
 Kind = Literal["press", "release", "key", "key up", "move"]
 

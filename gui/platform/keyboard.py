@@ -8,8 +8,8 @@ import time
 from collections.abc import Sequence
 from contextlib import closing
 
-from gui.platform.x_window import XDisplay
-from gui.platform.xlib import EXPOSE, EXPOSURE_MASK, InputEvent
+from v3studio.gui.platform.x_window import XDisplay
+from v3studio.gui.platform.xlib import EXPOSE, EXPOSURE_MASK, InputEvent
 
 _KEY_PRESS, _KEY_RELEASE = 2, 3
 _SHIFT = 1

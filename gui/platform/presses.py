@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from open3d.visualization import gui
 
-from gui.platform.keyboard import BACKSPACE, DOWN, END, HOME, KEYS, PAGE_DOWN, PAGE_UP, TAB, UP
-from gui.platform.xlib import ESCAPE
+from v3studio.gui.platform.keyboard import BACKSPACE, DOWN, END, HOME, KEYS, PAGE_DOWN, PAGE_UP, TAB, UP
+from v3studio.gui.platform.xlib import ESCAPE
 
 PATIENCE = 10  # ticks within which the toolkit reports a press, if it does
 SETTLED = 30

@@ -3,7 +3,7 @@
 import re
 from contextlib import closing
 
-from gui.platform.x_window import XDisplay
+from v3studio.gui.platform.x_window import XDisplay
 
 USUAL_DPI = 96.0
 SHARE = 0.95  # largest share of the screen that a window takes on each axis

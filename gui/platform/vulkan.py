@@ -9,7 +9,7 @@ import ctypes
 import ctypes.util
 import struct
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 _KINDS = {2: "discrete GPU", 1: "integrated GPU", 3: "virtual GPU", 0: "other", 4: "software"}  # the best one first
 _SUCCESS, _INCOMPLETE = 0, 5

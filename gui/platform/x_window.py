@@ -4,7 +4,7 @@ import ctypes
 import os
 from collections.abc import Iterator, Sequence
 
-from gui.platform.xlib import ESCAPE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
+from v3studio.gui.platform.xlib import ESCAPE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
 
 _MIN_SIZE = 1 << 4  # PMinSize
 BUTTONS = 0x1F00  # bits of the mouse buttons in the state of X: Button1Mask to Button5Mask

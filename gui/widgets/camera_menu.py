@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import TEXT
-from gui.widgets.picture import make_button, make_card, make_label
+from v3studio.gui.drawing.palette import TEXT
+from v3studio.gui.widgets.picture import make_button, make_card, make_label
 
 Item = tuple[str, str, Callable[[], object]]  # key, label, action
 

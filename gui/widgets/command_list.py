@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, text_width
-from gui.drawing.palette import ACCENT_DARK, DIALOG, DIM, LINE, TEXT
+from v3studio.gui.drawing.canvas import Canvas, text_width
+from v3studio.gui.drawing.palette import ACCENT_DARK, DIALOG, DIM, LINE, TEXT
 
 ROWS = 12  # rows of the image
 

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable
 
 from open3d.visualization import gui
 
-from gui.drawing.icons import icon
-from gui.drawing.palette import PANEL
-from gui.models.playback.player import PlayerPresenter
-from gui.widgets.flow import Flow
-from gui.widgets.hints import Hints
-from gui.widgets.picture import color, make_button, put
+from v3studio.gui.drawing.icons import icon
+from v3studio.gui.drawing.palette import PANEL
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.widgets.flow import Flow
+from v3studio.gui.widgets.hints import Hints
+from v3studio.gui.widgets.picture import color, make_button, put
 
 FREE = "free view"
 SPEEDS = {"0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0}

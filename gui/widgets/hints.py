@@ -5,9 +5,9 @@ from collections.abc import Iterable
 
 from open3d.visualization import gui
 
-from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.drawing.palette import LINE, TEXT
-from gui.widgets.picture import ImagePanel, holds
+from v3studio.gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from v3studio.gui.drawing.palette import LINE, TEXT
+from v3studio.gui.widgets.picture import ImagePanel, holds
 
 DELAY = 0.4  # seconds for which the pointer must rest on a button
 WIDEST = 0.6  # widest hint over the view, as a part of its width; longer text wraps

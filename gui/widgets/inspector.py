@@ -5,14 +5,14 @@ from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui
 
-from gui.models.evaluation import Evaluation
-from gui.models.marks import Marks
-from gui.models.playback.player import PlayerPresenter
-from gui.models.take.inspector import Block, figures_height, figures_picture, review_blocks, run_blocks
-from gui.models.take.log import LogRow, LogView, grouped, log_rows
-from gui.models.take.remedies import Fix
-from gui.models.take.workspace import Workspace
-from gui.widgets.picture import ImagePanel
+from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.take.inspector import Block, figures_height, figures_picture, review_blocks, run_blocks
+from v3studio.gui.models.take.log import LogRow, LogView, grouped, log_rows
+from v3studio.gui.models.take.remedies import Fix
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.widgets.picture import ImagePanel
 
 PAUSE = 0.25  # minimum seconds between two updates of the figures of the same frame
 LEAST_LOG = 7.0  # height in em that the figures leave to the log

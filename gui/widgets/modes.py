@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT, ACCENT_DARK, GROUND, RAISED
-from gui.widgets.flow import Flow
-from gui.widgets.hints import Hints
-from gui.widgets.picture import ImagePanel, color, holds, make_button, put
+from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, GROUND, RAISED
+from v3studio.gui.widgets.flow import Flow
+from v3studio.gui.widgets.hints import Hints
+from v3studio.gui.widgets.picture import ImagePanel, color, holds, make_button, put
 
 Choice = tuple[str, str, str]  # Key, label, tooltip. An empty key is a gap
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.canvas import shortened
-from gui.drawing.palette import ACCENT_DARK, BAD, TEXT
-from gui.models.notices import Notice, Notices
-from gui.platform.clipboard import Clipboard
-from gui.platform.desktop import Opener
-from gui.widgets.picture import color, make_button, make_card, make_label
+from v3studio.gui.drawing.canvas import shortened
+from v3studio.gui.drawing.palette import ACCENT_DARK, BAD, TEXT
+from v3studio.gui.models.notices import Notice, Notices
+from v3studio.gui.platform.clipboard import Clipboard
+from v3studio.gui.platform.desktop import Opener
+from v3studio.gui.widgets.picture import color, make_button, make_card, make_label
 
 WIDEST, MOST_LINES = 48.0, 12  # width of the bar in em, and lines of a message
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from open3d.visualization import gui
 
-from gui.drawing.areas import Areas
-from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
-from gui.models.camera_path import PathEditor
-from gui.widgets.picture import ImagePanel
-from studio.formats.camera_path import Key
+from v3studio.gui.drawing.areas import Areas
+from v3studio.gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
+from v3studio.gui.models.camera_path import PathEditor
+from v3studio.gui.widgets.picture import ImagePanel
+from v3studio.studio.formats.camera_path import Key
 
 THUMBNAIL = (16, 9)  # shape of a thumbnail
 

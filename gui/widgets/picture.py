@@ -6,8 +6,8 @@ import numpy as np
 import open3d as o3d
 from open3d.visualization import gui
 
-from gui.drawing.canvas import glyph_height, text_width
-from gui.drawing.palette import GROUND, LINE, RAISED, RGB
+from v3studio.gui.drawing.canvas import glyph_height, text_width
+from v3studio.gui.drawing.palette import GROUND, LINE, RAISED, RGB
 
 DRAWS_BEFORE_EXACT = 2  # draws of the window after which the texture of a new image exists
 

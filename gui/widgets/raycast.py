@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
-from gui.drawing.palette import GROUND, SECOND
-from studio.cameras import Camera
-from studio.errors import StudioError
+from v3studio.gui.drawing.palette import GROUND, SECOND
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
 
 
 class RaycastMesh:

@@ -6,9 +6,9 @@ from functools import partial
 
 from open3d.visualization import gui
 
-from gui.models.take.setting_words import FILES, FOLDERS
-from gui.models.take.settings import SettingField
-from gui.widgets.picture import make_button
+from v3studio.gui.models.take.setting_words import FILES, FOLDERS
+from v3studio.gui.models.take.settings import SettingField
+from v3studio.gui.widgets.picture import make_button
 
 SetValue = Callable[[SettingField, str], None]
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT, DIM, FAIR, PANEL
-from gui.models.take.estimates import Estimates
-from gui.models.take.setting_words import FILES, FOLDERS, TEMPLATES
-from gui.models.take.settings import SettingField, fields_of, matching
-from gui.widgets.picture import NOTHING, color, holds, lowered, make_label, text_room
-from gui.widgets.setting_editors import Editor, make_editor, small_button
-from pipelines.config import Config
-from pipelines.config.presets import PRESETS, differing, preset_of
+from v3studio.gui.drawing.palette import ACCENT, DIM, FAIR, PANEL
+from v3studio.gui.models.take.estimates import Estimates
+from v3studio.gui.models.take.setting_words import FILES, FOLDERS, TEMPLATES
+from v3studio.gui.models.take.settings import SettingField, fields_of, matching
+from v3studio.gui.widgets.picture import NOTHING, color, holds, lowered, make_label, text_room
+from v3studio.gui.widgets.setting_editors import Editor, make_editor, small_button
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.config.presets import PRESETS, differing, preset_of
 
 PRESET_STAGES = ("initialize", "train")  # stages that presets set
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, wrapped
-from gui.drawing.palette import BAD, DIALOG, DIM, GOOD, TEXT
+from v3studio.gui.drawing.canvas import Canvas, line_height, wrapped
+from v3studio.gui.drawing.palette import BAD, DIALOG, DIM, GOOD, TEXT
 
 PICTURES = Path(__file__).parents[1] / "help"  # folder of the images: STAGE_good.jpg and STAGE_bad.jpg
 

@@ -5,20 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from open3d.visualization import gui
 
-from gui.drawing.canvas import Canvas, text_width
-from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
-from gui.models.stage_rows import TITLES, StageRow
-from gui.models.take.estimates import Estimates
-from gui.models.take.page_words import in_page_words, setting_words
-from gui.models.take.settings import SettingField, stage_of
-from gui.models.take.workspace import Workspace
-from gui.widgets.hints import Hints
-from gui.widgets.picture import ImagePanel, color, make_button, make_label, put
-from gui.widgets.settings import SettingActions, SettingsList
-from gui.widgets.swap_guard import SwapGuard
-from pipelines.config import Config
-from pipelines.config.presets import PRESETS, differing, preset_of
-from studio.errors import StudioError
+from v3studio.gui.drawing.canvas import Canvas, text_width
+from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
+from v3studio.gui.models.stage_rows import TITLES, StageRow
+from v3studio.gui.models.take.estimates import Estimates
+from v3studio.gui.models.take.page_words import in_page_words, setting_words
+from v3studio.gui.models.take.settings import SettingField, stage_of
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.widgets.hints import Hints
+from v3studio.gui.widgets.picture import ImagePanel, color, make_button, make_label, put
+from v3studio.gui.widgets.settings import SettingActions, SettingsList
+from v3studio.gui.widgets.swap_guard import SwapGuard
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.config.presets import PRESETS, differing, preset_of
+from v3studio.studio.errors import StudioError
 
 _HINTS = {
     "Check": "Read all images of the footage once and list those that are missing or cannot be read",

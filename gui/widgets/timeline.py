@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from open3d.visualization import gui
 
-from gui.models.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pictures, slots
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.timeline import TimelineZoom
-from gui.models.playback.timeline_plots import Plot, TimelinePlots
-from gui.widgets.picture import ImagePanel, holds
+from v3studio.gui.models.playback.filmstrip import ASPECT, Filmstrip, draw_strip, has_pictures, slots
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.timeline import TimelineZoom
+from v3studio.gui.models.playback.timeline_plots import Plot, TimelinePlots
+from v3studio.gui.widgets.picture import ImagePanel, holds
 
 HOVER_SECONDS = 4.0
 """Seconds that the values under the pointer stay at most: nothing tells that it has left the window, and without X not

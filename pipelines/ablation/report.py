@@ -3,9 +3,9 @@
 import io
 from pathlib import Path
 
-from pipelines.ablation.study import AblationResults
-from pipelines.reports.plots import figure_with_axes
-from pipelines.takes.atomic_files import write_bytes
+from v3studio.pipelines.ablation.study import AblationResults
+from v3studio.pipelines.reports.plots import figure_with_axes
+from v3studio.pipelines.takes.atomic_files import write_bytes
 
 
 def table_rows(results: AblationResults, qp: int) -> list[list[str]]:

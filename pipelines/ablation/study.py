@@ -5,17 +5,17 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.ablation.variants import Variant
-from pipelines.config import Config, load_config
-from pipelines.config.loading import dump_config
-from pipelines.events import Emit
-from pipelines.runs.runner import run
-from pipelines.stages import STAGE_NAMES
-from pipelines.takes.atomic_files import Result, digest_of, read_model, write_model
-from pipelines.takes.drawn_masks import for_another_take
-from pipelines.takes.evaluation import Protocol, read_evaluation
-from pipelines.takes.frame_numbers import trained_groups
-from pipelines.takes.take import Take
+from v3studio.pipelines.ablation.variants import Variant
+from v3studio.pipelines.config import Config, load_config
+from v3studio.pipelines.config.loading import dump_config
+from v3studio.pipelines.events import Emit
+from v3studio.pipelines.runs.runner import run
+from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.pipelines.takes.atomic_files import Result, digest_of, read_model, write_model
+from v3studio.pipelines.takes.drawn_masks import for_another_take
+from v3studio.pipelines.takes.evaluation import Protocol, read_evaluation
+from v3studio.pipelines.takes.frame_numbers import trained_groups
+from v3studio.pipelines.takes.take import Take
 
 METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
 """Of `bjontegaard`: piecewise cubic interpolation over the range that both curves cover."""

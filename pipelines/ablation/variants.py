@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from studio.errors import StudioError
-from studio.json_types import JsonData
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonData
 
 QPS = (12, 16, 20, 24, 28, 32)
 FULL = "full"

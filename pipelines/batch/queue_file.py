@@ -14,9 +14,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipelines.takes.atomic_files import Result, disk_errors, held, holder_of, read_model, write_model
-from studio.errors import StudioError
-from studio.storage.address import is_address
+from v3studio.pipelines.takes.atomic_files import Result, disk_errors, held, holder_of, read_model, write_model
+from v3studio.studio.errors import StudioError
+from v3studio.studio.storage.address import is_address
 
 State = Literal["waiting", "running", "done", "failed"]
 

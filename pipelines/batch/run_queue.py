@@ -8,18 +8,18 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pipelines.batch.queue_file import QueuedTake, QueueFile, now
-from pipelines.events import Event, Finished, read_line
-from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.runs.launch import launch
-from pipelines.takes.take import Take
-from studio.errors import Cancelled
+from v3studio.pipelines.batch.queue_file import QueuedTake, QueueFile, now
+from v3studio.pipelines.events import Event, Finished, read_line
+from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
+from v3studio.pipelines.runs.launch import launch
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Cancelled
 
 
 def run_command(entry: QueuedTake) -> list[str]:
     """`v3studio run` for a take, as a command."""
     config = [str(entry.config)] if entry.config is not None else []
-    command = [sys.executable, "-m", "pipelines.cli", "run", *config, "--take", str(entry.take), "--json"]
+    command = [sys.executable, "-m", "v3studio.pipelines.cli", "run", *config, "--take", str(entry.take), "--json"]
     return command + [f"--set={text}" for text in entry.overrides]
 
 

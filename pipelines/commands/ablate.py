@@ -5,8 +5,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, add_settings
-from pipelines.outputs import check_output, replacing
+from v3studio.pipelines.commands.common.arguments import add_command, add_overwrite, add_settings
+from v3studio.pipelines.outputs import check_output, replacing
 
 _NOTE = """The first variant is the full method with the settings in CONFIG; each other variant leaves out one part.
 Every variant is trained (sharing cameras, initial points and keyframes where possible), baked at several QPs, decoded
@@ -17,7 +17,7 @@ The same command resumes after a cancellation. Every variant is trained in full:
 
 
 def register(commands: Any) -> None:
-    from pipelines.ablation.variants import OPTIONS, QPS, VARIANTS
+    from v3studio.pipelines.ablation.variants import OPTIONS, QPS, VARIANTS
 
     names = ", ".join(variant.name for variant in VARIANTS)
     more = ", ".join(variant.name for variant in OPTIONS)
@@ -44,14 +44,14 @@ def register(commands: Any) -> None:
 
 
 def _ablate(arguments: argparse.Namespace) -> None:
-    from pipelines.ablation.report import table_rows, write_plot
-    from pipelines.ablation.study import ablate
-    from pipelines.ablation.variants import chosen
-    from pipelines.config import load_config
-    from pipelines.events import Emit, Event, Finished, Log
-    from pipelines.reports.terminal import console, table_of
-    from pipelines.runs.console import Bars
-    from pipelines.takes.atomic_files import disk_errors
+    from v3studio.pipelines.ablation.report import table_rows, write_plot
+    from v3studio.pipelines.ablation.study import ablate
+    from v3studio.pipelines.ablation.variants import chosen
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.events import Emit, Event, Finished, Log
+    from v3studio.pipelines.reports.terminal import console, table_of
+    from v3studio.pipelines.runs.console import Bars
+    from v3studio.pipelines.takes.atomic_files import disk_errors
 
     variants = chosen([name for name in arguments.variants.split(",") if name])
     default = load_config(arguments.config, arguments.overrides).bake.qp

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command
+from v3studio.pipelines.commands.common.arguments import add_command
 
 if TYPE_CHECKING:
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.takes.take import Take
 
 
 def register(commands: Any) -> None:
@@ -40,9 +40,9 @@ def _command(
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from pipelines.reports.terminal import console, escaped, table_of
-    from pipelines.takes.kept_bakes import kept_bakes
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.reports.terminal import console, escaped, table_of
+    from v3studio.pipelines.takes.kept_bakes import kept_bakes
+    from v3studio.pipelines.takes.take import Take
 
     found = kept_bakes(Take.open(arguments.take))
     arguments.result = {"bakes": [kept.to_json() for kept in found]}
@@ -70,7 +70,7 @@ def _list(arguments: argparse.Namespace) -> None:
 
 
 def _keep(arguments: argparse.Namespace) -> None:
-    from pipelines.takes.kept_bakes import keep_bake
+    from v3studio.pipelines.takes.kept_bakes import keep_bake
 
     def keep(take: Take) -> None:
         arguments.result = {"path": str(keep_bake(take, arguments.name).take.root.absolute())}
@@ -79,13 +79,13 @@ def _keep(arguments: argparse.Namespace) -> None:
 
 
 def _choose(arguments: argparse.Namespace) -> None:
-    from pipelines.takes.kept_bakes import choose_bake
+    from v3studio.pipelines.takes.kept_bakes import choose_bake
 
     _change(arguments, "choose", lambda take: choose_bake(take, arguments.name))
 
 
 def _remove(arguments: argparse.Namespace) -> None:
-    from pipelines.takes.kept_bakes import kept_bake, remove_bake
+    from v3studio.pipelines.takes.kept_bakes import kept_bake, remove_bake
 
     def remove(take: Take) -> None:
         for name in arguments.name:
@@ -97,9 +97,9 @@ def _remove(arguments: argparse.Namespace) -> None:
 
 
 def _change(arguments: argparse.Namespace, name: str, change: Callable[[Take], object]) -> None:
-    from pipelines.takes.atomic_files import disk_errors
-    from pipelines.takes.kept_bakes import kept_bakes
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.takes.atomic_files import disk_errors
+    from v3studio.pipelines.takes.kept_bakes import kept_bakes
+    from v3studio.pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     with take.locked(f"v3studio bake {name}"), disk_errors(take.root):

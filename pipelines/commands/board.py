@@ -5,8 +5,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, invalid_option, print_text
-from pipelines.commands.common.source import add_source, read_settings
+from v3studio.pipelines.commands.common.arguments import add_command, invalid_option, print_text
+from v3studio.pipelines.commands.common.source import add_source, read_settings
 
 
 def register(commands: Any) -> None:
@@ -58,9 +58,9 @@ def register(commands: Any) -> None:
 def _board(arguments: argparse.Namespace) -> None:
     from pydantic import ValidationError
 
-    from studio.calibration import CalibrationTarget, write_target_pdf
-    from studio.settings import COMMAND_LINE, refused
-    from studio.yaml_text import dump_yaml
+    from v3studio.studio.calibration import CalibrationTarget, write_target_pdf
+    from v3studio.studio.settings import COMMAND_LINE, refused
+    from v3studio.studio.yaml_text import dump_yaml
 
     if arguments.file.suffix.lower() != ".pdf":
         raise invalid_option(
@@ -90,8 +90,8 @@ def _board(arguments: argparse.Namespace) -> None:
 
 
 def _sync(arguments: argparse.Namespace) -> None:
-    from studio.capture import open_footage, refuse_unknown_cameras
-    from studio.capture.sync import check_sync
+    from v3studio.studio.capture import open_footage, refuse_unknown_cameras
+    from v3studio.studio.capture.sync import check_sync
 
     capture = read_settings(arguments.source, arguments.overrides).capture
     with closing(open_footage(capture.replace(offsets={}, masks="none"), None, strict=False)) as footage:
@@ -117,9 +117,9 @@ def _sync(arguments: argparse.Namespace) -> None:
 
 
 def _colors(arguments: argparse.Namespace) -> None:
-    from pipelines.commands.common.working import working
-    from studio.capture import open_footage
-    from studio.capture.color_chart import fit_chart_colors
+    from v3studio.pipelines.commands.common.working import working
+    from v3studio.studio.capture import open_footage
+    from v3studio.studio.capture.color_chart import fit_chart_colors
 
     capture = read_settings(arguments.source, arguments.overrides).capture
     footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)

@@ -9,15 +9,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, invalid_option
-from pipelines.commands.common.working import working
-from studio.counts import counted
-from studio.errors import StudioError, shown
-from studio.progress import ProgressFn
+from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
+from v3studio.pipelines.commands.common.working import working
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError, shown
+from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    from pipelines.takes.take import Take
-    from studio.capture import Footage
+    from v3studio.pipelines.takes.take import Take
+    from v3studio.studio.capture import Footage
 
 
 def register(commands: Any) -> None:
@@ -41,7 +41,7 @@ def _check(arguments: argparse.Namespace) -> int:
     # an address is a stream, and so is a folder with a manifest
     if "://" in arguments.place or not place.is_dir() or (place / "manifest.json").is_file():
         return _check_stream(arguments)
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.takes.take import Take
 
     try:
         take = Take.open(place)
@@ -54,8 +54,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _footage(folder: Path) -> Footage | None:
-    from pipelines.commands.common.source import read_settings
-    from studio.capture import open_footage
+    from v3studio.pipelines.commands.common.source import read_settings
+    from v3studio.studio.capture import open_footage
 
     try:
         return open_footage(read_settings(folder).capture, None, strict=False)
@@ -64,8 +64,8 @@ def _footage(folder: Path) -> Footage | None:
 
 
 def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
-    from pipelines.inspection import found_lines
-    from studio.capture import check_footage
+    from v3studio.pipelines.inspection import found_lines
+    from v3studio.studio.capture import check_footage
 
     with working("check", arguments) as report, closing(footage):
         problems = [str(problem) for problem in check_footage(footage, report)]
@@ -78,8 +78,8 @@ def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
 
 
 def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
-    from pipelines.stages import STAGE_NAMES
-    from pipelines.takes.integrity import check_take
+    from v3studio.pipelines.stages import STAGE_NAMES
+    from v3studio.pipelines.takes.integrity import check_take
 
     report: ProgressFn
     # what is deleted must not have been made again since it was checked
@@ -123,9 +123,9 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
 
 def _assumed(take: Take) -> list[str]:
     """How the take's footage and camera file are read, one sentence each."""
-    from pipelines.config import load_config
-    from pipelines.stages.inputs import Inputs
-    from pipelines.takes.stage_files import CamerasFromFile, read_cameras_report
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.takes.stage_files import CamerasFromFile, read_cameras_report
 
     lines: list[str] = []
     try:
@@ -141,8 +141,8 @@ def _assumed(take: Take) -> list[str]:
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:
-    from pipelines.takes.videos import stream_place
-    from studio.stream import StreamReader, check_stream
+    from v3studio.pipelines.takes.videos import stream_place
+    from v3studio.studio.stream import StreamReader, check_stream
 
     if arguments.remove:
         problem = "--remove is for takes, whose files can be made again; this is a stream"

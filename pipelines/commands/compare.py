@@ -6,13 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_frames, add_overwrite, invalid_option
-from pipelines.outputs import check_output
-from studio.comparison.protocols import PROTOCOLS
-from studio.counts import counted
+from v3studio.pipelines.commands.common.arguments import add_command, add_frames, add_overwrite, invalid_option
+from v3studio.pipelines.outputs import check_output
+from v3studio.studio.comparison.protocols import PROTOCOLS
+from v3studio.studio.counts import counted
 
 if TYPE_CHECKING:
-    from pipelines.comparison.results import Comparison
+    from v3studio.pipelines.comparison.results import Comparison
 
 _NOTE = """protocols:
 {protocols}
@@ -54,10 +54,10 @@ def register(commands: Any) -> None:
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    from pipelines.commands.common.working import working
-    from pipelines.comparison.compare import compare
-    from pipelines.comparison.results import FOLDER, RESULTS
-    from pipelines.stages.inputs import choose_device
+    from v3studio.pipelines.commands.common.working import working
+    from v3studio.pipelines.comparison.compare import compare
+    from v3studio.pipelines.comparison.results import FOLDER, RESULTS
+    from v3studio.pipelines.stages.inputs import choose_device
 
     if arguments.images < 0:
         raise invalid_option("--images", f"--images {arguments.images} is below 0", "Example: --images 2.")
@@ -68,7 +68,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     device = choose_device("auto")
     lpips = None
     if arguments.lpips:
-        from studio.perceptual import Lpips
+        from v3studio.studio.perceptual import Lpips
 
         lpips = Lpips(arguments.lpips, device)
     with working("compare", arguments) as progress:
@@ -90,8 +90,8 @@ def _compare(arguments: argparse.Namespace) -> None:
 
 
 def _print(result: Comparison, out: Path) -> None:
-    from pipelines.reports.terminal import console, escaped, table_of
-    from studio.comparison import FLICKER, METRICS
+    from v3studio.pipelines.reports.terminal import console, escaped, table_of
+    from v3studio.studio.comparison import FLICKER, METRICS
 
     protocol = result.protocol
     metrics = [metric for metric in METRICS if metric.name in result.takes[0].measures]

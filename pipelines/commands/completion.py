@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import CommandParser, add_command, print_text
+from v3studio.pipelines.commands.common.arguments import CommandParser, add_command, print_text
 
 _NOTE = """To use it:
   bash    v3studio completion bash > ~/.local/share/bash-completion/completions/v3studio

@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_settings, invalid_option, nearest, print_text
-from pipelines.commands.common.source import source_path
+from v3studio.pipelines.commands.common.arguments import add_command, add_settings, invalid_option, nearest, print_text
+from v3studio.pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
 """Of `Config`, which takes long to import."""
@@ -26,10 +26,10 @@ def register(commands: Any) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> None:
-    from pipelines.commands.common.source import read_settings
-    from pipelines.config import Config, describe, load_config
-    from pipelines.config.config import values_of
-    from studio.yaml_text import parse_yaml
+    from v3studio.pipelines.commands.common.source import read_settings
+    from v3studio.pipelines.config import Config, describe, load_config
+    from v3studio.pipelines.config.config import values_of
+    from v3studio.studio.yaml_text import parse_yaml
 
     sections = [word for word in arguments.words if word in SECTIONS]
     sources = [word for word in arguments.words if word not in SECTIONS]

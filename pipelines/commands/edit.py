@@ -10,15 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, print_text
-from studio.counts import counted
-from studio.errors import StudioError
+from v3studio.pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, print_text
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from pipelines.takes.take import Take
-    from studio.edits import EditList
+    from v3studio.pipelines.takes.take import Take
+    from v3studio.studio.edits import EditList
 
 _NOTE = """Edits are stored in the take's edits.json. They affect bakes, evaluations and exports; `v3studio run` bakes
 what is affected again. Only `detail` and `crop --training` affect training.
@@ -110,8 +110,8 @@ def _kind(
     """Add a command that gets the edits before it and returns what it says to people; its result is those after it."""
 
     def run(arguments: argparse.Namespace) -> None:
-        from pipelines.takes.edits import read_edits
-        from pipelines.takes.take import Take
+        from v3studio.pipelines.takes.edits import read_edits
+        from v3studio.pipelines.takes.take import Take
 
         take = Take.open(arguments.take)
         words = command(arguments, take, read_edits(take.edits))
@@ -137,7 +137,7 @@ def _coordinate(text: str) -> float:
 
 
 def _list(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import describe, frame_of, read_edits_file
+    from v3studio.pipelines.takes.edits import describe, frame_of, read_edits_file
 
     found = read_edits_file(take.edits)
     lines = [f"{name:<12}{words}" for name, words in describe(found.edits, frame_of(take)).items()]
@@ -149,8 +149,8 @@ def _list(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _count(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edited import EditedGroup
-    from pipelines.takes.frame_numbers import trained_groups
+    from v3studio.pipelines.takes.edited import EditedGroup
+    from v3studio.pipelines.takes.frame_numbers import trained_groups
 
     groups = trained_groups(take)
     if not groups:
@@ -186,8 +186,8 @@ def _trim(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 def _crop(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from pipelines.takes.edits import frame_of, placed_world
-    from studio.rotations import matrices_to_quats
+    from v3studio.pipelines.takes.edits import frame_of, placed_world
+    from v3studio.studio.rotations import matrices_to_quats
 
     back = placed_world(edits, frame_of(take)).inverse
     low, high = np.array(arguments.min_point), np.array(arguments.max_point)
@@ -206,7 +206,7 @@ def _crop(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _ground(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import frame_of, placed_world
+    from v3studio.pipelines.takes.edits import frame_of, placed_world
 
     normal = _up(take, edits)
     placed = placed_world(edits, frame_of(take))
@@ -218,7 +218,7 @@ def _up(take: Take, edits: EditList) -> np.ndarray:
     """(3,) unit vector: up in the world of the capture."""
     import numpy as np
 
-    from studio.camera_files import read_rig
+    from v3studio.studio.camera_files import read_rig
 
     if edits.world is not None and edits.world.up is not None:
         up = np.array(edits.world.up)
@@ -240,7 +240,7 @@ def _floaters(arguments: argparse.Namespace, take: Take, edits: EditList) -> str
 def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from pipelines.takes.edits import frame_of
+    from v3studio.pipelines.takes.edits import frame_of
 
     values: dict[str, object] = {} if edits.world is None else edits.world.model_dump(mode="json")
     if arguments.up_point is not None:
@@ -266,8 +266,8 @@ def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from pipelines.takes.edited import followed
-    from pipelines.takes.edits import frame_of, placed_world
+    from v3studio.pipelines.takes.edited import followed
+    from v3studio.pipelines.takes.edits import frame_of, placed_world
 
     back = placed_world(edits, frame_of(take)).inverse
     center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius
@@ -279,8 +279,8 @@ def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import change_edits, singular
-    from studio.edits.edit_list import EditList
+    from v3studio.pipelines.takes.edits import change_edits, singular
+    from v3studio.studio.edits.edit_list import EditList
 
     name, known = _MANY.get(arguments.name, arguments.name), [*EditList.model_fields, "all"]
     if name not in known:
@@ -302,14 +302,14 @@ def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _step(name: Literal["undo", "redo"], arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from pipelines.takes.edits import step_edits
+    from v3studio.pipelines.takes.edits import step_edits
 
     return f"{name}ne: {step_edits(take.edits, name)}"
 
 
 def _change(take: Take, before: EditList, name: str, value: object) -> str:
     """Set an edit to JSON-ready values; returns what it is now, in words."""
-    from pipelines.takes.edits import change_edits, describe, frame_of
+    from v3studio.pipelines.takes.edits import change_edits, describe, frame_of
 
     after = _checked(before, name, value)
     words = list(describe(after, frame_of(take)).items())
@@ -322,9 +322,9 @@ def _checked(before: EditList, name: str, value: object) -> EditList:
     """The edits with one of them changed; arguments as in `_change`."""
     from pydantic import ValidationError
 
-    from pipelines.takes.edits import singular
-    from studio.edits.edit_list import EditList
-    from studio.errors import violation
+    from v3studio.pipelines.takes.edits import singular
+    from v3studio.studio.edits.edit_list import EditList
+    from v3studio.studio.errors import violation
 
     try:
         return EditList.model_validate(before.model_dump(mode="json") | {name: value})
@@ -341,8 +341,8 @@ def _checked(before: EditList, name: str, value: object) -> EditList:
 
 def _frames(take: Take) -> tuple[int, ...]:
     """The take's frames, by their numbers in the footage; none if it cannot be opened here."""
-    from pipelines.config import load_config
-    from pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.stages.inputs import Inputs
 
     with suppress(StudioError):
         return Inputs(take, load_config(take.config)).raw_footage.frames

@@ -9,17 +9,17 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command
-from pipelines.commands.common.source import add_source, is_take, read_settings
-from pipelines.commands.common.working import working
-from studio.counts import counted, size_words
-from studio.errors import StudioError
-from studio.memory import require_memory
-from studio.process import keep_freed_memory
+from v3studio.pipelines.commands.common.arguments import add_command
+from v3studio.pipelines.commands.common.source import add_source, is_take, read_settings
+from v3studio.pipelines.commands.common.working import working
+from v3studio.studio.counts import counted, size_words
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import require_memory
+from v3studio.studio.process import keep_freed_memory
 
 if TYPE_CHECKING:
-    from pipelines.estimate.estimate import Estimate
-    from pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.estimate.estimate import Estimate
+    from v3studio.pipelines.stages.inputs import Inputs
 
 _NOTE = """Reads some images of the footage and rehearses some steps of training, about 20 seconds on an idle machine.
 Nothing is written. The cameras must be known, by a file or by a take whose stage calibrate is finished; the time of
@@ -44,9 +44,9 @@ def register(commands: Any) -> None:
 def _estimate(arguments: argparse.Namespace) -> None:
     require_memory()  # both as a run does
     keep_freed_memory()
-    from pipelines.config.presets import PRESETS, with_values
-    from pipelines.reports.terminal import console, duration
-    from pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.config.presets import PRESETS, with_values
+    from v3studio.pipelines.reports.terminal import console, duration
+    from v3studio.pipelines.stages.inputs import Inputs
 
     presets: dict[str, Estimate] = {}
     with ExitStack() as stack:
@@ -69,9 +69,9 @@ def _estimate(arguments: argparse.Namespace) -> None:
 
 def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Estimate:
     """The estimate of a take whose cameras are known."""
-    from pipelines.estimate.estimate import estimate
-    from pipelines.estimate.rehearsal import rehearse
-    from pipelines.estimate.work import Work
+    from v3studio.pipelines.estimate.estimate import estimate
+    from v3studio.pipelines.estimate.rehearsal import rehearse
+    from v3studio.pipelines.estimate.work import Work
 
     bake = inputs.config.bake
     known = bake.profile == "motion" and not bake.ladder and isinstance(bake.quality, int)
@@ -83,9 +83,9 @@ def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Est
 
 def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
     """The inputs of a take whose cameras are known: the given one, or a temporary one with cameras from a file."""
-    from pipelines.runs.runner import run
-    from pipelines.stages.inputs import Inputs
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.runs.runner import run
+    from v3studio.pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.takes.take import Take
 
     source = arguments.source
     config = read_settings(source, arguments.overrides)
@@ -93,7 +93,7 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
         return Inputs(Take.open(source), config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
     inputs = Inputs(take, config)
-    from pipelines.stages.calibrate import given_cameras
+    from v3studio.pipelines.stages.calibrate import given_cameras
 
     if given_cameras(inputs) is None:
         calibrate = f"v3studio calibrate {source}" if is_take(source) else f"v3studio calibrate {source} --take DIR"
@@ -104,8 +104,8 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
 
 
 def _print(found: Estimate, threads: int, now: float) -> None:
-    from pipelines.estimate.estimate import STREAM_SPREAD
-    from pipelines.reports.terminal import console, duration, table_of
+    from v3studio.pipelines.estimate.estimate import STREAM_SPREAD
+    from v3studio.pipelines.reports.terminal import console, duration, table_of
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in found.stages:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import (
+from v3studio.pipelines.commands.common.arguments import (
     ALL_FRAMES,
     add_command,
     add_frames,
@@ -19,21 +19,21 @@ from pipelines.commands.common.arguments import (
     invalid_option,
     three_numbers,
 )
-from pipelines.commands.common.working import say_note, working
-from pipelines.outputs import replacing
-from studio.counts import counted
-from studio.errors import StudioError, naming
-from studio.formats import EXPORTS, USD_SUFFIXES
+from v3studio.pipelines.commands.common.working import say_note, working
+from v3studio.pipelines.outputs import replacing
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.formats import EXPORTS, USD_SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from studio.audio import Pcm
-    from studio.cameras import Camera
-    from studio.formats.camera_path import Key
-    from studio.gaussians import Gaussians
-    from studio.progress import ProgressFn
-    from studio.splat_video import SplatVideo
+    from v3studio.studio.audio import Pcm
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.formats.camera_path import Key
+    from v3studio.studio.gaussians import Gaussians
+    from v3studio.studio.progress import ProgressFn
+    from v3studio.studio.splat_video import SplatVideo
 
 DEFAULT_OF = "decoded"
 """Which frames of a take are exported by default: those that a player shows. Also the default in the window."""
@@ -123,7 +123,7 @@ def _export(arguments: argparse.Namespace) -> None:
         problem = f"--format {arguments.format} has no --spz-version"
         raise invalid_option("--spz-version", problem, "Remove --spz-version.", arguments.spz_version)
     _check_path(arguments)
-    from pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
+    from v3studio.pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
 
     if EXPORTS[arguments.format].holds == "stream":
         _whole_stream(arguments)
@@ -181,7 +181,7 @@ def _check_path(arguments: argparse.Namespace) -> None:
 def _is_export(name: str, out: Path) -> bool:
     """Whether a file or folder may be an earlier export in this format: a folder holds nothing else."""
     if name == "videogs":
-        from studio.formats.videogs import is_videogs
+        from v3studio.studio.formats.videogs import is_videogs
 
         return is_videogs(out)
     files = [out] if out.is_file() else [path for path in out.rglob("*") if not path.is_dir()]
@@ -221,7 +221,7 @@ def _noting_dilations(video: SplatVideo, seen: set[float]) -> SplatVideo:
 
 def _dilation_note(seen: set[float]) -> str:
     """What to report of frames with these dilations that other programs draw; "" if they draw them as trained."""
-    from studio.dilation import DILATION
+    from v3studio.studio.dilation import DILATION
 
     found = sorted(seen - {DILATION})
     if not found:
@@ -235,10 +235,10 @@ def _dilation_note(seen: set[float]) -> str:
 
 
 def _whole_stream(arguments: argparse.Namespace) -> None:
-    from pipelines.takes.videos import open_reader
-    from studio.formats.placing import new_file
-    from studio.stream.sources.archive import SUFFIX
-    from studio.stream.write_archive import write_archive
+    from v3studio.pipelines.takes.videos import open_reader
+    from v3studio.studio.formats.placing import new_file
+    from v3studio.studio.stream.sources.archive import SUFFIX
+    from v3studio.studio.stream.write_archive import write_archive
 
     for option in ("frames", "of", "sh_degree"):
         if getattr(arguments, option) not in (None, "decoded", ALL_FRAMES):
@@ -261,8 +261,8 @@ def _whole_stream(arguments: argparse.Namespace) -> None:
 
 
 def _need_stream(source: str) -> None:
-    from pipelines.takes.take import Take
-    from pipelines.takes.videos import is_take
+    from v3studio.pipelines.takes.take import Take
+    from v3studio.pipelines.takes.videos import is_take
 
     if is_take(source) and not Take.open(Path(source).expanduser()).has_stream:
         fix = "Run `v3studio bake`, or export trained frames with --of trained."
@@ -271,10 +271,10 @@ def _need_stream(source: str) -> None:
 
 def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -> Pcm | None:
     """The sound of the source's stream, also for trained frames; None if it has none, or was baked for later frames."""
-    from pipelines.takes.frame_numbers import trained_numbers
-    from pipelines.takes.take import Take
-    from pipelines.takes.videos import capture_place, is_take, open_reader
-    from studio.audio.pcm import part_of
+    from v3studio.pipelines.takes.frame_numbers import trained_numbers
+    from v3studio.pipelines.takes.take import Take
+    from v3studio.pipelines.takes.videos import capture_place, is_take, open_reader
+    from v3studio.studio.audio.pcm import part_of
 
     source = arguments.source
     if is_take(source) and not Take.open(Path(source).expanduser()).has_stream:
@@ -308,8 +308,8 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
-    from studio.formats.sequence import axes_of, export_frame, export_sequence
-    from studio.formats.videogs import export_videogs
+    from v3studio.studio.formats.sequence import axes_of, export_frame, export_sequence
+    from v3studio.studio.formats.videogs import export_videogs
 
     out: Path = arguments.out
     if arguments.format == "videogs":
@@ -336,9 +336,9 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
 
 
 def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
-    from pipelines.takes.videos import footage_cameras
-    from studio.formats.sequence import axes_of
-    from studio.formats.usd import export_usd
+    from v3studio.pipelines.takes.videos import footage_cameras
+    from v3studio.studio.formats.sequence import axes_of
+    from v3studio.studio.formats.usd import export_usd
 
     out: Path = arguments.out
     rotation = axes_of(video, EXPORTS["usd"].up, _for_viewers(arguments))
@@ -355,8 +355,8 @@ def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn)
 def _movie(
     video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn
 ) -> tuple[int, str]:
-    from studio.formats.camera_path import FILM_FORMATS, CameraPath, turntable
-    from studio.formats.movie import movie_sound, render_movie
+    from v3studio.studio.formats.camera_path import FILM_FORMATS, CameraPath, turntable
+    from v3studio.studio.formats.movie import movie_sound, render_movie
 
     if arguments.background is not None:
         video = replace(video, background=arguments.background)
@@ -388,7 +388,7 @@ def _movie(
 
 def _keys(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int]) -> list[Key]:
     """The keys of the camera path in the world of the splats."""
-    from pipelines.takes.camera_paths import path_keys
+    from v3studio.pipelines.takes.camera_paths import path_keys
 
     return path_keys(
         video,
@@ -411,12 +411,12 @@ def _numbers(video: SplatVideo, arguments: argparse.Namespace) -> tuple[int, ...
 def _plates(
     video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn
 ) -> tuple[int, str]:
-    from pipelines.takes.camera_paths import film_world
-    from pipelines.takes.videos import footage_cameras
-    from studio.cameras import Rig
-    from studio.formats.camera_path import CameraPath, Key
-    from studio.formats.exr import export_exr
-    from studio.formats.plates import Shutter
+    from v3studio.pipelines.takes.camera_paths import film_world
+    from v3studio.pipelines.takes.videos import footage_cameras
+    from v3studio.studio.cameras import Rig
+    from v3studio.studio.formats.camera_path import CameraPath, Key
+    from v3studio.studio.formats.exr import export_exr
+    from v3studio.studio.formats.plates import Shutter
 
     if arguments.path is None:
         rig = Rig(footage_cameras(arguments.source, decoded=arguments.of != "trained"))

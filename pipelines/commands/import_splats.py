@@ -4,10 +4,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, add_settings, invalid_option, three_numbers
-from pipelines.commands.common.working import say_note, working
-from pipelines.outputs import replacing
-from studio.counts import counted
+from v3studio.pipelines.commands.common.arguments import (
+    add_command,
+    add_overwrite,
+    add_settings,
+    invalid_option,
+    three_numbers,
+)
+from v3studio.pipelines.commands.common.working import say_note, working
+from v3studio.pipelines.outputs import replacing
+from v3studio.studio.counts import counted
 
 
 def register(commands: Any) -> None:
@@ -43,9 +49,9 @@ def _import(arguments: argparse.Namespace) -> None:
 
     import numpy as np
 
-    from pipelines.config import load_config
-    from studio.formats.baking import bake_video
-    from studio.formats.sequence import open_import
+    from v3studio.pipelines.config import load_config
+    from v3studio.studio.formats.baking import bake_video
+    from v3studio.studio.formats.sequence import open_import
 
     _refuse_unused(arguments.overrides)
     config = load_config(None, arguments.overrides)
@@ -73,9 +79,9 @@ def _import(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:
-    from pipelines.config import Config
-    from studio.errors import StudioError
-    from studio.settings import COMMAND_LINE, affected
+    from v3studio.pipelines.config import Config
+    from v3studio.studio.errors import StudioError
+    from v3studio.studio.settings import COMMAND_LINE, affected
 
     results = affected(Config)
     used = ["train.group_size", "run.threads", *(name for name, made in results.items() if "videos" in made)]

@@ -6,10 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option, print_text
-from pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
-from pipelines.outputs import replacing
-from studio.errors import StudioError
+from v3studio.pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option, print_text
+from v3studio.pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
+from v3studio.pipelines.outputs import replacing
+from v3studio.studio.errors import StudioError
 
 _SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "capture.held_out", "capture.scale")
 """Settings that the file has in any case: those that are most often changed."""
@@ -28,10 +28,10 @@ def register(commands: Any) -> None:
 
 
 def _init(arguments: argparse.Namespace) -> None:
-    from pipelines.config import Config, describe
-    from pipelines.config.config import values_of
-    from pipelines.inspection import inspect
-    from pipelines.takes.atomic_files import disk_errors, write_text
+    from v3studio.pipelines.config import Config, describe
+    from v3studio.pipelines.config.config import values_of
+    from v3studio.pipelines.inspection import inspect
+    from v3studio.pipelines.takes.atomic_files import disk_errors, write_text
 
     source = arguments.source
     if arguments.out is not None and arguments.out.is_dir():
@@ -54,7 +54,7 @@ def _init(arguments: argparse.Namespace) -> None:
 
 
 def _is_settings(path: Path) -> bool:
-    from pipelines.config import load_config
+    from v3studio.pipelines.config import load_config
 
     with suppress(StudioError):
         return bool(load_config(path))

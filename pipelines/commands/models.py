@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command
+from v3studio.pipelines.commands.common.arguments import add_command
 
 
 def register(commands: Any) -> None:
@@ -17,7 +17,7 @@ def register(commands: Any) -> None:
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from studio.masks.models import MODELS
+    from v3studio.studio.masks.models import MODELS
 
     fields = ("name", "kind", "purpose", "license", "package", "url", "size", "sha256")
     arguments.result = {"models": [{field: getattr(model, field) for field in fields} for model in MODELS]}
@@ -32,8 +32,8 @@ def _list(arguments: argparse.Namespace) -> None:
 
 
 def _get(arguments: argparse.Namespace) -> None:
-    from studio.masks.models import get_model, model_named
-    from studio.yaml_text import dump_yaml
+    from v3studio.studio.masks.models import get_model, model_named
+    from v3studio.studio.yaml_text import dump_yaml
 
     model = model_named(arguments.name)
     file = get_model(model, arguments.out, arguments.package)

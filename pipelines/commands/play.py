@@ -8,15 +8,15 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, add_frames, invalid_option
-from studio.errors import StudioError
+from v3studio.pipelines.commands.common.arguments import add_command, add_frames, invalid_option
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from studio.playback import PlayedFrame
-    from studio.stream import Manifest
+    from v3studio.studio.playback import PlayedFrame
+    from v3studio.studio.stream import Manifest
 
 
 _MOST_PIXELS = 1 << 26
@@ -34,9 +34,9 @@ def register(commands: Any) -> None:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    from pipelines.reports.tables import print_playback
-    from pipelines.takes.videos import open_reader, stream_numbers
-    from studio.playback import play_headless
+    from v3studio.pipelines.reports.tables import print_playback
+    from v3studio.pipelines.takes.videos import open_reader, stream_numbers
+    from v3studio.studio.playback import play_headless
 
     start, stop, step = arguments.frames
     if step != 1:
@@ -71,8 +71,8 @@ def _play(arguments: argparse.Namespace) -> int:
 
 def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[PlayedFrame], object]:
     """Return a function that renders a frame from the stream's suggested camera over its background."""
-    from pipelines.reports.images import render
-    from studio.stream import StreamMetadata
+    from v3studio.pipelines.reports.images import render
+    from v3studio.studio.stream import StreamMetadata
 
     metadata = StreamMetadata.from_json(manifest.metadata)
     if metadata.suggested_camera is None:

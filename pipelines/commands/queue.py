@@ -9,13 +9,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, print_text
-from pipelines.commands.common.source import add_source, is_take, read_settings
+from v3studio.pipelines.commands.common.arguments import add_command, print_text
+from v3studio.pipelines.commands.common.source import add_source, is_take, read_settings
 
 if TYPE_CHECKING:
     from types import FrameType
 
-    from pipelines.batch.queue_file import QueuedTake, QueueFile
+    from v3studio.pipelines.batch.queue_file import QueuedTake, QueueFile
 
 
 def register(commands: Any) -> None:
@@ -51,13 +51,13 @@ def _kind(kinds: Any, name: str, text: str, command: Any) -> argparse.ArgumentPa
 
 
 def _file(arguments: argparse.Namespace) -> QueueFile:
-    from pipelines.batch.queue_file import QueueFile, default_queue
+    from v3studio.pipelines.batch.queue_file import QueueFile, default_queue
 
     return QueueFile(arguments.queue or default_queue())
 
 
 def _add(arguments: argparse.Namespace) -> None:
-    from studio.errors import StudioError
+    from v3studio.studio.errors import StudioError
 
     source, take = arguments.source, arguments.take
     if take is None:
@@ -72,9 +72,9 @@ def _add(arguments: argparse.Namespace) -> None:
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from pipelines.reports.terminal import console, escaped, table_of
-    from pipelines.runs.status import progress
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.reports.terminal import console, escaped, table_of
+    from v3studio.pipelines.runs.status import progress
+    from v3studio.pipelines.takes.take import Take
 
     queue = _file(arguments)
     found = queue.read()
@@ -99,10 +99,10 @@ def _list(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from pipelines.batch.run_queue import run_queue
-    from pipelines.events import Emit, Event, Finished, Log
-    from pipelines.events.cancellation import Cancellation
-    from pipelines.runs.console import Bars
+    from v3studio.pipelines.batch.run_queue import run_queue
+    from v3studio.pipelines.events import Emit, Event, Finished, Log
+    from v3studio.pipelines.events.cancellation import Cancellation
+    from v3studio.pipelines.runs.console import Bars
 
     stopped = Cancellation()
 

@@ -8,17 +8,17 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, invalid_option
-from pipelines.commands.common.source import add_preset, add_source, is_take, read_settings
-from pipelines.stages import STAGE_NAMES, STAGES
-from studio.errors import StudioError
-from studio.memory import require_memory
-from studio.process import keep_freed_memory
-from studio.storage.address import is_address
+from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
+from v3studio.pipelines.commands.common.source import add_preset, add_source, is_take, read_settings
+from v3studio.pipelines.stages import STAGE_NAMES, STAGES
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import require_memory
+from v3studio.studio.process import keep_freed_memory
+from v3studio.studio.storage.address import is_address
 
 if TYPE_CHECKING:
-    from pipelines.config import Config
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.config import Config
+    from v3studio.pipelines.takes.take import Take
 
 
 def register(commands: Any) -> None:
@@ -79,9 +79,9 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
 def _run(arguments: argparse.Namespace) -> None:
     require_memory()
     keep_freed_memory()
-    from pipelines.takes.atomic_files import disk_errors
-    from pipelines.takes.take import Take
-    from studio.capture import open_footage
+    from v3studio.pipelines.takes.atomic_files import disk_errors
+    from v3studio.pipelines.takes.take import Take
+    from v3studio.studio.capture import open_footage
 
     source, folder = arguments.source, arguments.take
     if source is not None and is_take(source):
@@ -101,7 +101,7 @@ def _run(arguments: argparse.Namespace) -> None:
     # validate settings and footage before creating the folder
     values = arguments.overrides
     if arguments.ladder is not None:
-        from studio.stream.settings import DEFAULT_LADDER
+        from v3studio.studio.stream.settings import DEFAULT_LADDER
 
         rungs = [{**rung.model_dump(mode="json"), **arguments.ladder} for rung in DEFAULT_LADDER]
         values = [("bake.ladder", rungs), *values]
@@ -111,11 +111,11 @@ def _run(arguments: argparse.Namespace) -> None:
     with disk_errors(folder):
         take = Take.create(folder)
 
-    from pipelines.runs.console import Bars
-    from pipelines.runs.runner import run
+    from v3studio.pipelines.runs.console import Bars
+    from v3studio.pipelines.runs.runner import run
 
     if arguments.keep is not None:
-        from pipelines.takes.kept_bakes import free_name
+        from v3studio.pipelines.takes.kept_bakes import free_name
 
         free_name(take, arguments.keep)
 
@@ -128,13 +128,13 @@ def _run(arguments: argparse.Namespace) -> None:
     with nullcontext(arguments.emit) if arguments.json else Bars() as show:
         run(take, config, show, stages=stages, force=arguments.force, command=command, keep=arguments.keep)
     if not arguments.json and "evaluate" in stages:
-        from pipelines.reports.tables import print_evaluation
+        from v3studio.pipelines.reports.tables import print_evaluation
 
         print_evaluation(take)
 
 
 def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> None:
-    from pipelines.runs.background import start_background
+    from v3studio.pipelines.runs.background import start_background
 
     words = [arguments.stage or "run"]
     words += ["--until", arguments.until] if arguments.until else []

@@ -11,15 +11,15 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_command, invalid_option
-from pipelines.commands.share import add_first_options, page_text
-from pipelines.events import Serving as ServingEvent
-from studio.errors import StudioError
+from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
+from v3studio.pipelines.commands.share import add_first_options, page_text
+from v3studio.pipelines.events import Serving as ServingEvent
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     import uvicorn
 
-    from pipelines.share.serving import Serving
+    from v3studio.pipelines.share.serving import Serving
 
 
 def register(commands: Any) -> None:
@@ -76,11 +76,11 @@ def register(commands: Any) -> None:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
-    from pipelines.events.cancellation import EXIT_CANCELLED
-    from pipelines.share.certificates import load_certificate
-    from pipelines.share.player_files import read_player
-    from pipelines.share.served import wait_for_first_group
-    from pipelines.share.serving import Serving
+    from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
+    from v3studio.pipelines.share.certificates import load_certificate
+    from v3studio.pipelines.share.player_files import read_player
+    from v3studio.pipelines.share.served import wait_for_first_group
+    from v3studio.pipelines.share.serving import Serving
 
     wait_for_first_group(arguments.source)
     text = page_text(arguments)
@@ -124,7 +124,7 @@ def _serve(arguments: argparse.Namespace) -> int:
 
 def _bound_logs(server: uvicorn.Server) -> None:
     """Of a flood of messages, print only some; none of connections that Ctrl-C closed."""
-    from pipelines.share.server import BoundedLog
+    from v3studio.pipelines.share.server import BoundedLog
 
     bounded = BoundedLog()
     for name in ("uvicorn.error", "asyncio"):
@@ -167,7 +167,7 @@ def _print(serving: Serving, player: bool) -> None:
         lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
     print("\n".join(lines), flush=True)
     if player and not serving.is_local and sys.stdout.isatty():
-        from pipelines.share.addresses import qr_text
+        from v3studio.pipelines.share.addresses import qr_text
 
         address = serving.address if len(serving.streams) == 1 else f"{serving.bases[0]}/"
         address = next(iter(serving.reviews), address)

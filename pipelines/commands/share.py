@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
-from pipelines.commands.common.working import working
-from studio.counts import counted
+from v3studio.pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
+from v3studio.pipelines.commands.common.working import working
+from v3studio.studio.counts import counted
 
 if TYPE_CHECKING:
-    from pipelines.share.page import PageText
+    from v3studio.pipelines.share.page import PageText
 
 
 def register(commands: Any) -> None:
@@ -82,7 +82,7 @@ def add_first_options(command: argparse.ArgumentParser) -> None:
 
 def page_text(arguments: argparse.Namespace) -> PageText:
     """What the options say of the page; not all commands have all of them."""
-    from pipelines.share.page import PageText, read_intro, read_view
+    from v3studio.pipelines.share.page import PageText, read_intro, read_view
 
     given = {name: getattr(arguments, name, None) for name in ("title", "credits", "license", "address", "description")}
     if given["address"] is not None:
@@ -96,7 +96,7 @@ def page_text(arguments: argparse.Namespace) -> PageText:
 
 def _share(arguments: argparse.Namespace) -> None:
     text = page_text(arguments)
-    from pipelines.share.sharing import share
+    from v3studio.pipelines.share.sharing import share
 
     with working("share", arguments) as progress:
         shared = share(arguments.source, arguments.out, text, overwrite=arguments.overwrite, progress=progress)
@@ -117,9 +117,9 @@ def _share(arguments: argparse.Namespace) -> None:
 
 def _publish(arguments: argparse.Namespace) -> None:
     text = page_text(arguments)
-    from pipelines.share.page import PAGE_NAME
-    from pipelines.share.sharing import publish
-    from studio.storage import is_address
+    from v3studio.pipelines.share.page import PAGE_NAME
+    from v3studio.pipelines.share.sharing import publish
+    from v3studio.studio.storage import is_address
 
     with working("publish", arguments) as progress:
         done = publish(arguments.source, arguments.target, text, page=arguments.page, progress=progress)

@@ -5,8 +5,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, print_text
-from studio.errors import StudioError
+from v3studio.pipelines.commands.common.arguments import add_command, print_text
+from v3studio.studio.errors import StudioError
 
 _STOP_SECONDS = 60.0  # How long a run may take to stop. A network file system may show a request seconds late
 
@@ -23,9 +23,9 @@ def register(commands: Any) -> None:
 
 
 def _status(arguments: argparse.Namespace) -> int:
-    from pipelines.config import load_config
-    from pipelines.runs.status import print_status, status_values
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.runs.status import print_status, status_values
+    from v3studio.pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     config = load_config(take.config if take.config.is_file() else None, arguments.overrides)
@@ -37,8 +37,8 @@ def _status(arguments: argparse.Namespace) -> int:
 
 
 def _cancel(arguments: argparse.Namespace) -> None:
-    from pipelines.takes.cancel_request import request_cancel
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.takes.cancel_request import request_cancel
+    from v3studio.pipelines.takes.take import Take
 
     take = Take.open(arguments.take)
     holder = take.running()

@@ -5,10 +5,10 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from pipelines.commands.common.arguments import add_command, add_settings, print_text
-from pipelines.stages import CHAIN, GROUP_STAGES
-from studio.errors import StudioError
-from studio.memory import require_memory
+from v3studio.pipelines.commands.common.arguments import add_command, add_settings, print_text
+from v3studio.pipelines.stages import CHAIN, GROUP_STAGES
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import require_memory
 
 _FORMATS = ("plain", "sbatch", "deadline")
 _NAMES = tuple(stage.name for stage in GROUP_STAGES)
@@ -45,8 +45,8 @@ def register(commands: Any) -> None:
 
 def _work(arguments: argparse.Namespace) -> None:
     require_memory()
-    from pipelines.config import load_config
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.takes.take import Take
 
     if (arguments.group is None) == (not arguments.print_commands):
         problem = "specify either --group or --print-commands"
@@ -56,15 +56,15 @@ def _work(arguments: argparse.Namespace) -> None:
     config = load_config(take.config, arguments.overrides)
     stages = tuple(arguments.stage or CHAIN)
     if arguments.print_commands:
-        from pipelines.runs.print_commands import printed_commands
+        from v3studio.pipelines.runs.print_commands import printed_commands
 
         text = printed_commands(take, config, stages, arguments.format, arguments.set)
         arguments.result = {"text": text}
         print_text(arguments, text.rstrip())
         return
 
-    from pipelines.runs.console import Bars
-    from pipelines.runs.work import run_work
+    from v3studio.pipelines.runs.console import Bars
+    from v3studio.pipelines.runs.work import run_work
 
     with nullcontext(arguments.emit) if arguments.json else Bars() as show:
         run_work(take, config, stages, arguments.group, show)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.comparison.measuring import FrameMeasurer, side_by_side
-from pipelines.comparison.opened_takes import OpenedTake, open_takes
-from pipelines.comparison.results import (
+from v3studio.pipelines.comparison.measuring import FrameMeasurer, side_by_side
+from v3studio.pipelines.comparison.opened_takes import OpenedTake, open_takes
+from v3studio.pipelines.comparison.results import (
     RESULTS,
     ComparedFrame,
     ComparedTake,
@@ -22,15 +22,22 @@ from pipelines.comparison.results import (
     FrameOfTake,
     Measures,
 )
-from pipelines.takes.atomic_files import digest_of, digest_of_file, disk_errors, read_model, remove, write_model
-from pipelines.version import program_version
-from studio.comparison import METRICS, EvaluationProtocol
-from studio.errors import StudioError
-from studio.json_types import JsonData
-from studio.progress import ProgressFn, no_progress
+from v3studio.pipelines.takes.atomic_files import (
+    digest_of,
+    digest_of_file,
+    disk_errors,
+    read_model,
+    remove,
+    write_model,
+)
+from v3studio.pipelines.version import program_version
+from v3studio.studio.comparison import METRICS, EvaluationProtocol
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonData
+from v3studio.studio.progress import ProgressFn, no_progress
 
 if TYPE_CHECKING:
-    from studio.perceptual import Lpips
+    from v3studio.studio.perceptual import Lpips
 
 
 def compare(

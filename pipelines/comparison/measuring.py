@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.comparison.opened_takes import OpenedTake
-from pipelines.comparison.results import FlickerOfFrame, FrameOfTake, Measures
-from pipelines.reports.evaluation import DIFFERENCE_GAIN
-from pipelines.reports.images import to_bytes
-from studio.comparison import EvaluationProtocol, Residual, ViewPair, flicker_of, measure, padded_box
+from v3studio.pipelines.comparison.opened_takes import OpenedTake
+from v3studio.pipelines.comparison.results import FlickerOfFrame, FrameOfTake, Measures
+from v3studio.pipelines.reports.evaluation import DIFFERENCE_GAIN
+from v3studio.pipelines.reports.images import to_bytes
+from v3studio.studio.comparison import EvaluationProtocol, Residual, ViewPair, flicker_of, measure, padded_box
 
 if TYPE_CHECKING:
-    from studio.perceptual import Lpips
+    from v3studio.studio.perceptual import Lpips
 
 _LABEL_HEIGHT, _GAP = 18, 2
 

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.config import load_config
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.take import Take
-from pipelines.takes.videos import capture_place, open_reader
-from studio.camera_files import read_rig
-from studio.comparison import EvaluationProtocol, find_camera
-from studio.errors import StudioError
-from studio.own_frame import in_own_frame
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import capture_place, open_reader
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.comparison import EvaluationProtocol, find_camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.own_frame import in_own_frame
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
-    from studio.stream import CapturePlace, StreamReader
+    from v3studio.studio.capture import Footage
+    from v3studio.studio.stream import CapturePlace, StreamReader
 
 
 @dataclass
@@ -45,7 +45,7 @@ def open_takes(
     the same; each take is rendered with its own calibration. StudioError if a take has no stream, a camera
     is missing (`compare.no_such_camera`), or none is held out (`compare.no_held_out`).
     """
-    from studio.capture import open_footage
+    from v3studio.studio.capture import open_footage
 
     first = _inputs(footage)
     names = _cameras(first, protocol, cameras)

@@ -8,9 +8,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pipelines.reports.images import write_image
-from pipelines.takes.atomic_files import Result, disk_errors, read_model, remove, write_model
-from studio.errors import StudioError
+from v3studio.pipelines.reports.images import write_image
+from v3studio.pipelines.takes.atomic_files import Result, disk_errors, read_model, remove, write_model
+from v3studio.studio.errors import StudioError
 
 RESULTS, FOLDER = "comparison.json", ".comparing"
 """Names of the results, and of the folder beside them with what an interrupted comparison has finished."""

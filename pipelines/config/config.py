@@ -11,12 +11,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, JsonValue, field_validator
 
-from studio.calibration.settings import CalibrateSettings
-from studio.capture.settings import CaptureSettings
-from studio.meshing.settings import InitializeSettings
-from studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings, affected
-from studio.stream.settings import BakeSettings
-from studio.training.settings import GROUP_SIZE, TrainSettings
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.meshing.settings import InitializeSettings
+from v3studio.studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings, affected
+from v3studio.studio.stream.settings import BakeSettings
+from v3studio.studio.training.settings import GROUP_SIZE, TrainSettings
 
 
 class GroupSettings(Settings):

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from pipelines.config.config import Config
-from studio.settings import Heading, Settings, marker
-from studio.yaml_text import inline_yaml
+from v3studio.pipelines.config.config import Config
+from v3studio.studio.settings import Heading, Settings, marker
+from v3studio.studio.yaml_text import inline_yaml
 
 _WIDTH = 110
 

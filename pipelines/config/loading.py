@@ -8,13 +8,13 @@ from typing import Any, get_args, get_origin
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from pipelines.config.config import Config
-from studio.bounded_files import TextError, need_utf8, read_bounded_text
-from studio.errors import StudioError, reason_of
-from studio.json_types import JsonObject
-from studio.settings import COMMAND_LINE, OVERRIDES, field_named, is_list_of_text, nearest_sentence, refused
-from studio.storage import is_address
-from studio.yaml_text import dump_yaml, parse_yaml
+from v3studio.pipelines.config.config import Config
+from v3studio.studio.bounded_files import TextError, need_utf8, read_bounded_text
+from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.settings import COMMAND_LINE, OVERRIDES, field_named, is_list_of_text, nearest_sentence, refused
+from v3studio.studio.storage import is_address
+from v3studio.studio.yaml_text import dump_yaml, parse_yaml
 
 
 def parse_override(text: str) -> tuple[str, Any]:

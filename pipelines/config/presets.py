@@ -6,7 +6,7 @@ from operator import getitem
 
 from pydantic import JsonValue
 
-from pipelines.config.config import Config, values_of
+from v3studio.pipelines.config.config import Config, values_of
 
 _SHORTER: dict[str, Mapping[str, JsonValue]] = {
     "preview": {
@@ -61,7 +61,7 @@ final: the paper's schedule, the defaults, for GPUs. All of them set the same se
 
 def has_gpu() -> bool:
     """Whether splats can be trained on a GPU of this machine."""
-    from studio.rasterizer import preferred_device
+    from v3studio.studio.rasterizer import preferred_device
 
     return preferred_device().type != "cpu"
 

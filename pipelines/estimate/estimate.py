@@ -3,13 +3,13 @@
 import math
 from dataclasses import asdict, dataclass
 
-from pipelines.estimate.rehearsal import Measured
-from pipelines.estimate.work import Work
-from pipelines.takes.groups import Group
-from studio.json_types import JsonObject
-from studio.training import joint_steps
-from studio.training.camera_refinement import all_steps
-from studio.training.pruning import prune_rounds
+from v3studio.pipelines.estimate.rehearsal import Measured
+from v3studio.pipelines.estimate.work import Work
+from v3studio.pipelines.takes.groups import Group
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.training import joint_steps
+from v3studio.studio.training.camera_refinement import all_steps
+from v3studio.studio.training.pruning import prune_rounds
 
 UNCERTAINTY = 0.25
 """Of the time: about one run in ten is further off, most often because splats become more or fewer than assumed."""

@@ -18,19 +18,19 @@ from typing import Any
 import psutil
 import torch
 
-from pipelines.estimate.work import Work
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.evaluate import lpips_of
-from pipelines.stages.group_scheduler import run_groups, threads_by_group
-from pipelines.stages.inputs import Inputs
-from studio.capture import FootageView
-from studio.comparison import ViewPair, measure, padded_box
-from studio.gaussians import Gaussians
-from studio.meshing import InitResult, initialize_points
-from studio.meshing.settings import InitializeSettings
-from studio.progress import ProgressFn, no_progress
-from studio.stream import BakeSettings, bake_group
-from studio.training import TrainingView, train_interframe, train_keyframe
+from v3studio.pipelines.estimate.work import Work
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages.evaluate import lpips_of
+from v3studio.pipelines.stages.group_scheduler import run_groups, threads_by_group
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.studio.capture import FootageView
+from v3studio.studio.comparison import ViewPair, measure, padded_box
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.meshing import InitResult, initialize_points
+from v3studio.studio.meshing.settings import InitializeSettings
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream import BakeSettings, bake_group
+from v3studio.studio.training import TrainingView, train_interframe, train_keyframe
 
 SECONDS = 12.0  # of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning
 _CAMERAS = 12  # most cameras that are read; more would take minutes for large rigs

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pipelines.stages.camera_refinement import refines_cameras
-from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
-from pipelines.stages.inputs import Inputs
-from studio.training.pruning import splats_after_pruning
-from studio.training.settings import TrainSettings
+from v3studio.pipelines.stages.camera_refinement import refines_cameras
+from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.studio.training.pruning import splats_after_pruning
+from v3studio.studio.training.settings import TrainSettings
 
 
 @dataclass(frozen=True)

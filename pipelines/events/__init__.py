@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeAlias
 
-from studio.errors import Message, StudioError
-from studio.json_types import JsonData, JsonObject
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.json_types import JsonData, JsonObject
 
 
 @dataclass(frozen=True, kw_only=True)

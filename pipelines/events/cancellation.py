@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from pipelines.events.work_clock import WorkClock
-from studio.errors import Cancelled
+from v3studio.pipelines.events.work_clock import WorkClock
+from v3studio.studio.errors import Cancelled
 
 GRACE = 1.4  # seconds that a stage has to stop before the process is ended
 _SAMPLE = 0.2  # seconds between two samples of the clock

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import TextIO
 
-from pipelines.events import Emit, Event, Finished, Progress, read_line
-from studio.process import discard
+from v3studio.pipelines.events import Emit, Event, Finished, Progress, read_line
+from v3studio.studio.process import discard
 
 _HEAD_BYTES = 256  # what a log is known by: its first event has the time and the process of its run
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 
-from pipelines.reports.page import rendered
-from pipelines.takes.atomic_files import write_text
-from pipelines.takes.stage_files import NOT_CHECKED, CheckedCameras, checked_cameras
-from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport
-from studio.camera_files import read_rig
-from studio.errors import Message
-from studio.json_types import JsonData
+from v3studio.pipelines.reports.page import rendered
+from v3studio.pipelines.takes.atomic_files import write_text
+from v3studio.pipelines.takes.stage_files import NOT_CHECKED, CheckedCameras, checked_cameras
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.errors import Message
+from v3studio.studio.json_types import JsonData
 
 _SPARSE = 0.4  # smallest fraction of the image with observations; elsewhere lens distortion is extrapolated
 _UNSURE = 0.02  # largest 1-sigma camera position uncertainty, as a fraction of the distance to the points
@@ -19,8 +19,8 @@ _NEAR, _FAR = 0.05, 100  # plausible camera distances in meters
 
 def intrinsics_sentences(report: CalibrationReport) -> list[str]:
     """Sentences about shared intrinsics, if calibration compared shared and separate ones."""
-    from studio.calibration.sfm.shared_intrinsics import LIMIT
-    from studio.calibration.sfm.verdict import TRUSTED
+    from v3studio.studio.calibration.sfm.shared_intrinsics import LIMIT
+    from v3studio.studio.calibration.sfm.verdict import TRUSTED
 
     found: list[str] = []
     if report.match_inlier_ratio is not None and report.match_inlier_ratio < TRUSTED:
@@ -62,8 +62,8 @@ def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
 
 def calibration_warnings(report: CalibrationReport) -> Iterator[Message]:
     """Warnings about a calibration; codes `calibration.*`."""
-    from studio.calibration.sfm.uncertainty import WEAK
-    from studio.calibration.sfm.verdict import MISPLACED, TRUSTED
+    from v3studio.studio.calibration.sfm.uncertainty import WEAK
+    from v3studio.studio.calibration.sfm.verdict import MISPLACED, TRUSTED
 
     yield from tie_warnings(report)
     mean = report.reprojection.mean

@@ -7,22 +7,22 @@ from functools import partial
 
 import numpy as np
 
-from pipelines.config import Config
-from pipelines.reports.images import encode
-from pipelines.reports.page import rendered
-from pipelines.reports.plots import plots
-from pipelines.reports.tables import metric_texts
-from pipelines.takes.atomic_files import digest_of, write_text
-from pipelines.takes.evaluation import Evaluation, read_evaluation
-from pipelines.takes.groups import Group
-from pipelines.takes.marks import read_marks
-from pipelines.takes.records import note_rewritten, read_record
-from pipelines.takes.stage_files import read_cameras_report
-from pipelines.takes.summaries import summary_words
-from pipelines.takes.take import Take
-from pipelines.version import program_version
-from studio.comparison.metrics import FLICKER
-from studio.errors import StudioError
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.reports.images import encode
+from v3studio.pipelines.reports.page import rendered
+from v3studio.pipelines.reports.plots import plots
+from v3studio.pipelines.reports.tables import metric_texts
+from v3studio.pipelines.takes.atomic_files import digest_of, write_text
+from v3studio.pipelines.takes.evaluation import Evaluation, read_evaluation
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.marks import read_marks
+from v3studio.pipelines.takes.records import note_rewritten, read_record
+from v3studio.pipelines.takes.stage_files import read_cameras_report
+from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.version import program_version
+from v3studio.studio.comparison.metrics import FLICKER
+from v3studio.studio.errors import StudioError
 
 _BEGIN, _END = "<!-- over time -->", "<!-- end of over time -->"
 

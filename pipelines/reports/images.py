@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.takes.atomic_files import write_bytes
-from studio.errors import StudioError
+from v3studio.pipelines.takes.atomic_files import write_bytes
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera
-    from studio.gaussians import Gaussians
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.gaussians import Gaussians
 
 
 def render(
@@ -22,7 +22,7 @@ def render(
     """Render Gaussians: (H, W, 3) float32, 0 to 1, at most `width` pixels wide. `background`: RGB, 0 to 1."""
     import torch
 
-    from studio.rasterizer import rasterize
+    from v3studio.studio.rasterizer import rasterize
 
     if width is not None and camera.width > width:
         camera = camera.scaled(width / camera.width)

@@ -7,6 +7,6 @@ def rendered(template: str, **values: Any) -> str:
     """The page of a template in `templates/`. Values are escaped; one that the template names and is missing raises."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    loader = PackageLoader("pipelines.reports", "templates")
+    loader = PackageLoader("v3studio.pipelines.reports", "templates")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.get_template(template).render(**values)

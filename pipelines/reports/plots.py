@@ -4,12 +4,12 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.evaluation import Evaluation, FrameQuality
-from pipelines.takes.groups import Group
-from pipelines.takes.stage_files import TrainedGroup
-from pipelines.takes.take import Take
-from studio.comparison.metrics import FLICKER
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.evaluation import Evaluation, FrameQuality
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison.metrics import FLICKER
 
 MARK_COLOR = "tab:red"
 

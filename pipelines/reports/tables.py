@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pipelines.reports.terminal import console, table_of
-from pipelines.takes.evaluation import Quality, read_evaluation
-from pipelines.takes.take import Take
-from studio.comparison.metrics import Metric
-from studio.counts import counted
+from v3studio.pipelines.reports.terminal import console, table_of
+from v3studio.pipelines.takes.evaluation import Quality, read_evaluation
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison.metrics import Metric
+from v3studio.studio.counts import counted
 
 if TYPE_CHECKING:
-    from studio.playback import PlaybackReport
+    from v3studio.studio.playback import PlaybackReport
 
 MOST_FRAMES = 300
 """Longer takes are shown by their lowest frames: nobody reads thousands of rows, and printing them takes a minute."""

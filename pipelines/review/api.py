@@ -17,9 +17,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from pipelines.review.messages import MarkChange, MarkList
-from pipelines.review.take_review import TakeReview
-from studio.errors import StudioError
+from v3studio.pipelines.review.messages import MarkChange, MarkList
+from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.studio.errors import StudioError
 
 FOLDER = ".review"  # hidden files of streams are not served, so that no stream can have a folder of that name
 MAX_BODY_BYTES = 64_000  # longest change of a mark

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
-from pipelines.stages.compared_view import compared_cameras, performer_over
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
-from pipelines.takes.frame_numbers import trained_numbers
-from pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
-from pipelines.takes.take import Take
-from pipelines.takes.videos import capture_place
-from studio.errors import StudioError
-from studio.similarity import Similarity
+from v3studio.pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
+from v3studio.pipelines.stages.compared_view import compared_cameras, performer_over
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
+from v3studio.pipelines.takes.frame_numbers import trained_numbers
+from v3studio.pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import capture_place
+from v3studio.studio.errors import StudioError
+from v3studio.studio.similarity import Similarity
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
-    from studio.stream import CapturePlace
+    from v3studio.studio.capture import Footage
+    from v3studio.studio.stream import CapturePlace
 
 MAX_WIDTH = 1920  # largest width of an image in pixels; larger ones are scaled down
 
@@ -74,7 +74,7 @@ class TakeReview:
         """
         import cv2
 
-        from pipelines.reports.images import encode
+        from v3studio.pipelines.reports.images import encode
 
         footage = self._opened
         if footage is None or camera not in compared_cameras(footage):
@@ -117,14 +117,14 @@ class TakeReview:
         )
 
     def _stream(self) -> tuple[int, CapturePlace]:
-        from studio.stream import StreamReader
+        from v3studio.studio.stream import StreamReader
 
         with StreamReader.open(self.take.stream) as reader:
             return reader.frame_count, capture_place(reader)
 
     @cached_property
     def _settings(self) -> Inputs:
-        from pipelines.config import load_config
+        from v3studio.pipelines.config import load_config
 
         return Inputs(self.take, load_config(self.take.config))
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from pipelines.config import Config
-from pipelines.runs.launch import ERRORS, Launched, launch, until_begun
-from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.settings_file import save_config
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.runs.launch import ERRORS, Launched, launch, until_begun
+from v3studio.pipelines.takes.atomic_files import disk_errors
+from v3studio.pipelines.takes.settings_file import save_config
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 
 def start_background(take: Take, config: Config, arguments: Sequence[str]) -> Launched:
@@ -22,7 +22,7 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
     place = str(take.root)
     words = [*arguments, "--take", place, "--json"]
     if config.run.executor == "ray" and config.run.address.startswith("ray://"):
-        from pipelines.runs.cluster.detached import start_on_head
+        from v3studio.pipelines.runs.cluster.detached import start_on_head
 
         found = start_on_head(config.run.address, words, place)
     else:

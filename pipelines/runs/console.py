@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from pipelines.events import (
+from v3studio.pipelines.events import (
     Event,
     Finished,
     Log,
@@ -16,10 +16,10 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.reports.terminal import console, duration, escaped
-from pipelines.takes.summaries import summary_words
-from studio.counts import counted
-from studio.process import NativeLines
+from v3studio.pipelines.reports.terminal import console, duration, escaped
+from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.studio.counts import counted
+from v3studio.studio.process import NativeLines
 
 MOST_ALIKE = 3  # warnings of one kind that are printed for a stage
 

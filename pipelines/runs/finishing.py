@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
-from pipelines.events import Emit, Finished, as_message
-from pipelines.events.cancellation import Cancellation, stop_on_signals
-from pipelines.events.work_clock import WorkClock
-from studio.errors import Cancelled, Message
-from studio.json_types import JsonData
+from v3studio.pipelines.events import Emit, Finished, as_message
+from v3studio.pipelines.events.cancellation import Cancellation, stop_on_signals
+from v3studio.pipelines.events.work_clock import WorkClock
+from v3studio.studio.errors import Cancelled, Message
+from v3studio.studio.json_types import JsonData
 
 _KEPT = "finished work is kept"
 

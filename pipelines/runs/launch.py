@@ -9,12 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.events import RunStarted
-from pipelines.events.event_log import LogFollower
+from v3studio.pipelines.events import RunStarted
+from v3studio.pipelines.events.event_log import LogFollower
 
 ERRORS = "background.log"  # file in a take's private folder with the standard error of a run without a terminal
-
-_ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
@@ -29,15 +27,14 @@ class Launched:
 
 def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
     """Start `v3studio WORDS` in a session of its own; standard error goes to a file."""
-    path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
     with errors.open("wb") as file:
         return subprocess.Popen(
-            [sys.executable, "-m", "pipelines.cli", *words],
+            [sys.executable, "-m", "v3studio.pipelines.cli", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=file,
             start_new_session=True,
-            env={**os.environ, "PYTHONPATH": path, **(variables or {})},
+            env={**os.environ, **(variables or {})},
         )
 
 

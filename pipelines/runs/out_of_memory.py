@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from studio.errors import StudioError
-from studio.memory import gpu_out_of_memory, is_out_of_memory, memory_limit
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import gpu_out_of_memory, is_out_of_memory, memory_limit
 
 
 @contextmanager

@@ -3,15 +3,15 @@
 import shlex
 from collections.abc import Sequence
 
-from pipelines.config import Config
-from pipelines.config.loading import parse_override
-from pipelines.runs.staleness import StageStatus
-from pipelines.runs.work import cpus_of_group, is_up_to_date, known_groups
-from pipelines.stages import GROUP_STAGES
-from pipelines.stages.group_scheduler import groups_at_once
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.config.loading import parse_override
+from v3studio.pipelines.runs.staleness import StageStatus
+from v3studio.pipelines.runs.work import cpus_of_group, is_up_to_date, known_groups
+from v3studio.pipelines.stages import GROUP_STAGES
+from v3studio.pipelines.stages.group_scheduler import groups_at_once
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 
 def printed_commands(take: Take, config: Config, stages: Sequence[str], form: str, overrides: Sequence[str]) -> str:

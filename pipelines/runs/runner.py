@@ -6,28 +6,37 @@ import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from pipelines.config import Config
-from pipelines.events import Emit, Log, RunStarted, StageFailed, StageFinished, StageStarted, Warned, as_message
-from pipelines.events.cancellation import Cancellation
-from pipelines.events.event_log import EventLog
-from pipelines.reports.evaluation import update_marks
-from pipelines.runs.finishing import finishing
-from pipelines.runs.out_of_memory import memory_errors
-from pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, not_ready, write_record
-from pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
-from pipelines.stages.evaluate import lpips_of
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import Countdown, StageReporter
-from pipelines.takes.atomic_files import disk_errors, remove, write_model, write_text
-from pipelines.takes.cancel_request import cancelled_on_request
-from pipelines.takes.integrity import refuse_damage
-from pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
-from pipelines.takes.records import StageRecord, read_record, write_failure
-from pipelines.takes.settings_file import save_config, set_settings
-from pipelines.takes.take import Take
-from pipelines.version import program_version
-from studio.errors import Cancelled, Message, StudioError, reason_of
-from studio.json_types import JsonData
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import (
+    Emit,
+    Log,
+    RunStarted,
+    StageFailed,
+    StageFinished,
+    StageStarted,
+    Warned,
+    as_message,
+)
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.events.event_log import EventLog
+from v3studio.pipelines.reports.evaluation import update_marks
+from v3studio.pipelines.runs.finishing import finishing
+from v3studio.pipelines.runs.out_of_memory import memory_errors
+from v3studio.pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, not_ready, write_record
+from v3studio.pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
+from v3studio.pipelines.stages.evaluate import lpips_of
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import Countdown, StageReporter
+from v3studio.pipelines.takes.atomic_files import disk_errors, remove, write_model, write_text
+from v3studio.pipelines.takes.cancel_request import cancelled_on_request
+from v3studio.pipelines.takes.integrity import refuse_damage
+from v3studio.pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
+from v3studio.pipelines.takes.records import StageRecord, read_record, write_failure
+from v3studio.pipelines.takes.settings_file import save_config, set_settings
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.version import program_version
+from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
+from v3studio.studio.json_types import JsonData
 
 _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
@@ -230,8 +239,8 @@ def _executor(inputs: Inputs, todo: Sequence[Stage]) -> Iterator[Executor | None
     if inputs.config.run.executor == "local" or not any(stage.by_group for stage in todo):
         yield None
         return
-    from pipelines.runs.cluster.connection import connected
-    from pipelines.runs.cluster.executor import RayExecutor
+    from v3studio.pipelines.runs.cluster.connection import connected
+    from v3studio.pipelines.runs.cluster.executor import RayExecutor
 
     with connected(inputs.config.run.address, inputs.threads) as ray:
         yield RayExecutor(ray)

@@ -9,14 +9,14 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from pipelines.stages import Stage
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params
-from pipelines.takes.atomic_files import Result, digest_of, digests_of_files, remove, write_model
-from pipelines.takes.edits import PREFIX
-from pipelines.takes.records import StageRecord, on_disk, read_failure, read_record, result_of
-from studio.errors import StudioError
-from studio.json_types import JsonData
+from v3studio.pipelines.stages import Stage
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params
+from v3studio.pipelines.takes.atomic_files import Result, digest_of, digests_of_files, remove, write_model
+from v3studio.pipelines.takes.edits import PREFIX
+from v3studio.pipelines.takes.records import StageRecord, on_disk, read_failure, read_record, result_of
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonData
 
 EDIT_WORDS = {  # what the edits are called, by their name
     "trim": "the trim",

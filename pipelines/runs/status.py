@@ -4,13 +4,13 @@ import contextlib
 import socket
 from dataclasses import asdict, dataclass, replace
 
-from pipelines.config import Config
-from pipelines.events import Progress, RunStarted, StageStarted, read_line
-from pipelines.reports.terminal import console, duration, escaped, table_of
-from pipelines.runs.runner import status
-from pipelines.takes.stage_files import checked_cameras
-from pipelines.takes.take import Take
-from studio.json_types import JsonData
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import Progress, RunStarted, StageStarted, read_line
+from v3studio.pipelines.reports.terminal import console, duration, escaped, table_of
+from v3studio.pipelines.runs.runner import status
+from v3studio.pipelines.takes.stage_files import checked_cameras
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.json_types import JsonData
 
 
 @dataclass(frozen=True)

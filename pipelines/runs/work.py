@@ -10,25 +10,25 @@ import os
 import time
 from collections.abc import Callable, Sequence
 
-from pipelines.config import Config
-from pipelines.events import Emit, RunStarted, StageFinished, StageStarted
-from pipelines.events.cancellation import Cancellation
-from pipelines.runs.finishing import finishing
-from pipelines.runs.out_of_memory import memory_errors
-from pipelines.runs.staleness import DONE, StageStatus, assess_all, not_ready
-from pipelines.stages import GROUP_STAGES, STAGE_NAMES, STAGES, Stage, stage_named
-from pipelines.stages.group_scheduler import threads_of_groups
-from pipelines.stages.grouping import find_motion
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.groups import Group
-from pipelines.takes.integrity import refuse_damage
-from pipelines.takes.take import Take
-from pipelines.version import program_version
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.progress import no_progress
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import Emit, RunStarted, StageFinished, StageStarted
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.runs.finishing import finishing
+from v3studio.pipelines.runs.out_of_memory import memory_errors
+from v3studio.pipelines.runs.staleness import DONE, StageStatus, assess_all, not_ready
+from v3studio.pipelines.stages import GROUP_STAGES, STAGE_NAMES, STAGES, Stage, stage_named
+from v3studio.pipelines.stages.group_scheduler import threads_of_groups
+from v3studio.pipelines.stages.grouping import find_motion
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import disk_errors
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.integrity import refuse_damage
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.version import program_version
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import no_progress
 
 
 def work(

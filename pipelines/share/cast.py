@@ -12,16 +12,16 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from pipelines.share.page import PAGE_NAME, PageText
-from pipelines.share.player_files import hashed_name, player_folder
-from pipelines.share.shared_folder import SharedFolder, shared_folder
-from pipelines.share.stream_to_share import stream_to_share
-from pipelines.takes.atomic_files import disk_errors
-from studio.bounded_files import TextError, parse_json
-from studio.errors import StudioError, first_violation
-from studio.progress import ProgressFn
-from studio.settings import Color, Unit
-from studio.stream.manifest import MANIFEST_NAME
+from v3studio.pipelines.share.page import PAGE_NAME, PageText
+from v3studio.pipelines.share.player_files import hashed_name, player_folder
+from v3studio.pipelines.share.shared_folder import SharedFolder, shared_folder
+from v3studio.pipelines.share.stream_to_share import stream_to_share
+from v3studio.pipelines.takes.atomic_files import disk_errors
+from v3studio.studio.bounded_files import TextError, parse_json
+from v3studio.studio.errors import StudioError, first_violation
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.settings import Color, Unit
+from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 CAST_NAME = "cast.json"
 SCRIPT_NAME = "v3-cast.js"

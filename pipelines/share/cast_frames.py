@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipelines.share.cast import Item, beside, read_cast
-from pipelines.share.cast_ground import Ground, Shadow
-from pipelines.takes.videos import FALLBACK_FPS, stream_place
-from studio.cameras import Camera
-from studio.errors import StudioError
-from studio.formats import read_splats
-from studio.formats.rigid_motion import placed
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity, rotation_between
-from studio.stream import StreamMetadata, StreamReader, StreamSound
+from v3studio.pipelines.share.cast import Item, beside, read_cast
+from v3studio.pipelines.share.cast_ground import Ground, Shadow
+from v3studio.pipelines.takes.videos import FALLBACK_FPS, stream_place
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import read_splats
+from v3studio.studio.formats.rigid_motion import placed
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.similarity import Similarity, rotation_between
+from v3studio.studio.stream import StreamMetadata, StreamReader, StreamSound
 
 LONGEST = 3600.0  # seconds after which a cast starts over at the latest
 

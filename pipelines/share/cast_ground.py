@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
-from pipelines.share.cast import GroundPlane
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity
+from v3studio.pipelines.share.cast import GroundPlane
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.similarity import Similarity
 
 _SIDE = 64  # pixels of a shadow
 _REACH = 0.06  # height at which a splat's share has fallen to 1/e, relative to the performer's

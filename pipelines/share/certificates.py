@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.errors import StudioError, reason_of
+from v3studio.studio.errors import StudioError, reason_of
 
 _VALID = datetime.timedelta(days=90)  # browsers refuse certificates that are valid for years
 _BEGIN, _END = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"

@@ -10,12 +10,12 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
-from pipelines.takes.videos import decoded_video, open_reader, stream_numbers
-from pipelines.version import program_version
-from studio.bounded_files import parse_json
-from studio.errors import StudioError, naming
-from studio.formats.camera_path import FORMAT, VERSION, CameraPath
-from studio.stream.metadata import TEXTS, plain_text
+from v3studio.pipelines.takes.videos import decoded_video, open_reader, stream_numbers
+from v3studio.pipelines.version import program_version
+from v3studio.studio.bounded_files import parse_json
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.formats.camera_path import FORMAT, VERSION, CameraPath
+from v3studio.studio.stream.metadata import TEXTS, plain_text
 
 GENERATOR = "V3 Studio share 1"
 """Marks pages that `v3studio share` has written, with the version of what they consist of."""
@@ -154,7 +154,7 @@ def first_files(manifest: bytes) -> list[str]:
 def read_intro(path: Path, source: str) -> str:
     """The text that a page holds of a camera path, a file that `path_keys` reads for the stream `source`: times,
     easings, sizes and poses, without names, frames and distortion."""
-    from pipelines.takes.camera_paths import path_keys
+    from v3studio.pipelines.takes.camera_paths import path_keys
 
     with open_reader(source) as reader:
         video = replace(decoded_video(reader), numbers=stream_numbers(source, reader).known)

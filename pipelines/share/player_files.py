@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 SCRIPT_NAME, REVIEW_NAME = "v3-player.js", "v3-review.js"
 

@@ -4,12 +4,12 @@ import sys
 import time
 from pathlib import Path
 
-from pipelines.config import load_config
-from pipelines.review.take_review import TakeReview
-from pipelines.takes.take import Take
-from pipelines.takes.videos import stream_place
-from studio.errors import StudioError
-from studio.stream.manifest import MANIFEST_NAME
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import stream_place
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
 

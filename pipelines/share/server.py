@@ -23,8 +23,8 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from pipelines.share.certificates import Certificate
-from studio.errors import StudioError
+from v3studio.pipelines.share.certificates import Certificate
+from v3studio.studio.errors import StudioError
 
 _SHUTDOWN_SECONDS = 1  # for pending responses at the end
 _REFUSAL = b"The server has as many connections as it can take. Try again in a few seconds.\n"

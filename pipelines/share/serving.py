@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from pipelines.share.addresses import is_local, own_names, reachable_hosts
-from pipelines.share.certificates import Certificate, make_certificate
-from pipelines.share.page import PageText
-from pipelines.share.player_files import PlayerFiles, read_player
-from pipelines.share.served import find_reviews, find_streams
-from pipelines.share.server import BoundedServer, listen
-from pipelines.share.web_app import Reviews, build_app
-from studio.errors import StudioError
+from v3studio.pipelines.share.addresses import is_local, own_names, reachable_hosts
+from v3studio.pipelines.share.certificates import Certificate, make_certificate
+from v3studio.pipelines.share.page import PageText
+from v3studio.pipelines.share.player_files import PlayerFiles, read_player
+from v3studio.pipelines.share.served import find_reviews, find_streams
+from v3studio.pipelines.share.server import BoundedServer, listen
+from v3studio.pipelines.share.web_app import Reviews, build_app
+from v3studio.studio.errors import StudioError
 
 _SECRET_BYTES = 16  # of the random part of secret links
 

@@ -9,16 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.outputs import replacing
-from pipelines.takes.atomic_files import remove
-from pipelines.version import program_version
-from studio.atomic_files import remove_leftovers, restore_old, temporary_path
-from studio.bounded_files import parse_json
-from studio.errors import StudioError
-from studio.stream.manifest import MANIFEST_NAME
+from v3studio.pipelines.outputs import replacing
+from v3studio.pipelines.takes.atomic_files import remove
+from v3studio.pipelines.version import program_version
+from v3studio.studio.atomic_files import remove_leftovers, restore_old, temporary_path
+from v3studio.studio.bounded_files import parse_json
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
-    from studio.stream import StreamReader
+    from v3studio.studio.stream import StreamReader
 
 RECORD_NAME = "share.json"  # lists what a shared folder consists of, so that it can be replaced, and nothing else
 

@@ -12,19 +12,19 @@ from html import escape
 from pathlib import Path
 from typing import Literal
 
-from pipelines.outputs import check_output
-from pipelines.share.cast import is_cast, write_cast
-from pipelines.share.page import GENERATOR, PageText, player_page, preview_tags
-from pipelines.share.player_files import PlayerFiles, read_player
-from pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
-from pipelines.share.stream_to_share import StreamToShare, stream_to_share
-from pipelines.takes.atomic_files import atomic_path, disk_errors
-from studio.atomic_files import remove_leftovers
-from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.publish import Published
-from studio.stream.publish import publish as publish_stream
+from v3studio.pipelines.outputs import check_output
+from v3studio.pipelines.share.cast import is_cast, write_cast
+from v3studio.pipelines.share.page import GENERATOR, PageText, player_page, preview_tags
+from v3studio.pipelines.share.player_files import PlayerFiles, read_player
+from v3studio.pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
+from v3studio.pipelines.share.stream_to_share import StreamToShare, stream_to_share
+from v3studio.pipelines.takes.atomic_files import atomic_path, disk_errors
+from v3studio.studio.atomic_files import remove_leftovers
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream.manifest import MANIFEST_NAME
+from v3studio.studio.stream.publish import Published
+from v3studio.studio.stream.publish import publish as publish_stream
 
 MAX_SINGLE_FILE_BYTES = 32_000_000
 """Largest stream that is put into one file: a browser holds the whole page in memory several times."""

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
-from pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
-from pipelines.share.player_files import PlayerFiles, hashed_name
-from pipelines.takes.videos import decoded_video, stream_place
-from studio.formats.camera_path import turntable
-from studio.stream.metadata import TEXTS, with_plain_texts
+from v3studio.pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
+from v3studio.pipelines.share.player_files import PlayerFiles, hashed_name
+from v3studio.pipelines.takes.videos import decoded_video, stream_place
+from v3studio.studio.formats.camera_path import turntable
+from v3studio.studio.stream.metadata import TEXTS, with_plain_texts
 
 if TYPE_CHECKING:
-    from studio.stream import StreamReader
+    from v3studio.studio.stream import StreamReader
 
 POSTER_WIDTH = 1200  # largest width in pixels: what link previews show at most
 
@@ -54,8 +54,8 @@ class StreamToShare:
 
     def poster(self) -> Poster:
         """The player's first view: from the suggested camera at eye level, or the front, over the background."""
-        from pipelines.reports.images import encode, render
-        from studio.stream.suggested_view import eye_level_view
+        from v3studio.pipelines.reports.images import encode, render
+        from v3studio.studio.stream.suggested_view import eye_level_view
 
         video = decoded_video(self.reader)
         camera = video.view or turntable(video, *_POSTER_SIZE)(0.0)
@@ -81,7 +81,7 @@ class StreamToShare:
 def stream_to_share(text: str) -> Iterator[StreamToShare]:
     """Open what a user names: the folder of a take or of a stream, or a URL. StudioError: no such folder
     (`stream.not_found`), a take without a stream (`take.no_stream`), no or a bad manifest."""
-    from studio.stream import StreamReader
+    from v3studio.studio.stream import StreamReader
 
     place = stream_place(text)
     with StreamReader.open(place) as reader:

@@ -23,14 +23,14 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from pipelines.review.api import FOLDER, review_routes
-from pipelines.review.take_review import TakeReview
-from pipelines.share.page import PageText, first_files, player_page, script_elements
-from pipelines.share.player_files import PlayerFiles
-from pipelines.share.stream_to_share import name_of
-from studio.bounded_files import parse_json
-from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.metadata import plain_text
+from v3studio.pipelines.review.api import FOLDER, review_routes
+from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.pipelines.share.page import PageText, first_files, player_page, script_elements
+from v3studio.pipelines.share.player_files import PlayerFiles
+from v3studio.pipelines.share.stream_to_share import name_of
+from v3studio.studio.bounded_files import parse_json
+from v3studio.studio.stream.manifest import MANIFEST_NAME
+from v3studio.studio.stream.metadata import plain_text
 
 TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 """Content types by suffix; others are application/octet-stream."""

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Protocol, cast
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from pipelines.stages.inputs import Inputs
-    from pipelines.stages.params import Params
-    from pipelines.stages.reporter import StageReporter
-    from pipelines.takes.atomic_files import Result
-    from pipelines.takes.groups import Group
+    from v3studio.pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.stages.params import Params
+    from v3studio.pipelines.stages.reporter import StageReporter
+    from v3studio.pipelines.takes.atomic_files import Result
+    from v3studio.pipelines.takes.groups import Group
 
 
 @dataclass(frozen=True)

@@ -7,21 +7,21 @@ fine-tuned first; see `baking.rungs`.
 
 from pathlib import Path
 
-from pipelines.stages import Executor, stage_named
-from pipelines.stages.baking.encode import encode, encode_once
-from pipelines.stages.baking.plan import BakePlan
-from pipelines.stages.baking.publish import publish
-from pipelines.stages.baking.rungs import finetuned_rungs, finetuning_params
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of, settings_affecting
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import remove
-from pipelines.takes.edits import edit_params
-from pipelines.takes.groups import Group
-from pipelines.takes.records import digests_on_record
-from pipelines.takes.summaries import BakeSummary
-from studio.capture.digest import digest_files
-from studio.stream.attributes import VERSION
+from v3studio.pipelines.stages import Executor, stage_named
+from v3studio.pipelines.stages.baking.encode import encode, encode_once
+from v3studio.pipelines.stages.baking.plan import BakePlan
+from v3studio.pipelines.stages.baking.publish import publish
+from v3studio.pipelines.stages.baking.rungs import finetuned_rungs, finetuning_params
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import remove
+from v3studio.pipelines.takes.edits import edit_params
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.records import digests_on_record
+from v3studio.pipelines.takes.summaries import BakeSummary
+from v3studio.studio.capture.digest import digest_files
+from v3studio.studio.stream.attributes import VERSION
 
 STAGE = stage_named("bake")
 
@@ -53,8 +53,8 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> BakeSummary:
     """Bake the groups that are missing, then publish the stream."""
-    from studio.stream import GroupEntry
-    from studio.stream.encode.decoder_limits import beyond_hardware
+    from v3studio.studio.stream import GroupEntry
+    from v3studio.studio.stream.encode.decoder_limits import beyond_hardware
 
     plan, settings = BakePlan(inputs), inputs.config.bake
     if executor is not None:

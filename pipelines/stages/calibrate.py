@@ -9,43 +9,43 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.reports.calibration import (
+from v3studio.pipelines.reports.calibration import (
     calibration_figures,
     calibration_warnings,
     intrinsics_sentences,
     write_calibration_page,
 )
-from pipelines.stages import Executor, stage_named
-from pipelines.stages.camera_file import camera_file, files_of
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.known_cameras import (
+from v3studio.pipelines.stages import Executor, stage_named
+from v3studio.pipelines.stages.camera_file import camera_file, files_of
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.known_cameras import (
     at_footage_size,
     check_sizes,
     focal_lengths,
     known_cameras,
     named_file,
 )
-from pipelines.stages.params import Params, settings_affecting
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.rig_check import judge_by_images
-from pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model
-from pipelines.takes.point_files import write_points
-from pipelines.takes.stage_files import CamerasFromFile, CamerasReport
-from pipelines.takes.summaries import CalibrateSummary
-from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport, IntrinsicsReport
-from studio.calibration.settings import CalibrateSettings
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
-from studio.counts import cameras_listed, counted
-from studio.errors import Message, StudioError
-from studio.own_frame import frame_sentence, own_frame
-from studio.progress import ProgressFn
+from v3studio.pipelines.stages.params import Params, settings_affecting
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.rig_check import judge_by_images
+from v3studio.pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
+from v3studio.pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model
+from v3studio.pipelines.takes.point_files import write_points
+from v3studio.pipelines.takes.stage_files import CamerasFromFile, CamerasReport
+from v3studio.pipelines.takes.summaries import CalibrateSummary
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CalibrationReport, IntrinsicsReport
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.counts import cameras_listed, counted
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.own_frame import frame_sentence, own_frame
+from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    from studio.calibration import CalibrationResult
-    from studio.capture import Footage
+    from v3studio.studio.calibration import CalibrationResult
+    from v3studio.studio.capture import Footage
 
 STAGE = stage_named("calibrate")
 
@@ -141,7 +141,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
 
 
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
-    from studio.capture import rig_of_footage
+    from v3studio.studio.capture import rig_of_footage
 
     footage = inputs.raw_footage
     rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names, footage.without_masks)
@@ -190,7 +190,7 @@ def _spread(frames: Sequence[int], count: int) -> list[int]:
 
 
 def _from_footage(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-    from studio.calibration import floor_world
+    from v3studio.studio.calibration import floor_world
 
     footage, section = inputs.raw_footage, inputs.config.calibrate
     attempts = frames_to_try(section, footage.frames)
@@ -244,7 +244,7 @@ def _solved(
     inputs: Inputs, frames: Sequence[int], known: Mapping[str, Camera], progress: ProgressFn
 ) -> CalibrationResult:
     """Structure from motion on some frames."""
-    from studio.calibration import calibrate_from_images
+    from v3studio.studio.calibration import calibrate_from_images
 
     footage, section = inputs.raw_footage, inputs.config.calibrate
     names = footage.camera_names
@@ -277,7 +277,7 @@ def _lacking(report: CalibrationReport) -> str:
 
 
 def _from_tie_points(inputs: Inputs, reporter: StageReporter) -> tuple[Rig, CalibrationReport]:
-    from studio.calibration import calibrate_from_tie_points, read_tie_points
+    from v3studio.studio.calibration import calibrate_from_tie_points, read_tie_points
 
     footage, section = inputs.raw_footage, inputs.config.calibrate
     names = footage.camera_names

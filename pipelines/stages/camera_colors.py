@@ -4,19 +4,19 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import derived_seed
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import write_model
-from pipelines.takes.stage_files import CameraColors
-from pipelines.takes.take import Take
-from studio.counts import counted
-from studio.errors import Message
+from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import derived_seed
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.takes.atomic_files import write_model
+from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import Message
 
 if TYPE_CHECKING:
-    from studio.training import TrainingView
+    from v3studio.studio.training import TrainingView
 
 VERSION = 1
 
@@ -35,7 +35,7 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str) -> N
 
 
 def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:
-    from studio.capture.color_chart import fit_chart_colors, reasons
+    from v3studio.studio.capture.color_chart import fit_chart_colors, reasons
 
     footage = inputs.calibrated_footage
     searching = reporter.counting("colors of cameras: chart in image")
@@ -62,7 +62,7 @@ def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> Cam
 
 
 def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
-    from studio.training import fit_camera_colors
+    from v3studio.studio.training import fit_camera_colors
 
     group, footage = inputs.groups[0], inputs.calibrated_footage
     reading, fitting = reporter.counting("colors of cameras: image"), reporter.counting("colors of cameras: step")

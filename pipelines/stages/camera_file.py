@@ -6,15 +6,15 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from studio.camera_files import find_camera_files, read_rig
-from studio.camera_files.opencv_storage import EXTENSIONS
-from studio.capture.detect import detect_images, named_in
-from studio.capture.patterns import IMAGE_EXTENSIONS, find_files
-from studio.capture.settings import FileSettings
-from studio.errors import StudioError
+from v3studio.studio.camera_files import find_camera_files, read_rig
+from v3studio.studio.camera_files.opencv_storage import EXTENSIONS
+from v3studio.studio.capture.detect import detect_images, named_in
+from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, find_files
+from v3studio.studio.capture.settings import FileSettings
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
+    from v3studio.studio.capture import Footage
 
 _FOLDERS = (
     ".", "calibration", "cameras", "cams", "sparse", "colmap/sparse", "sparse_full_resolution",
@@ -61,7 +61,7 @@ def camera_file(settings: FileSettings) -> Path | None:
 
 def camera_file_text(footage: Footage) -> str:
     """What is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
-    from studio.capture import rig_of_footage
+    from v3studio.studio.capture import rig_of_footage
 
     try:
         path = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine

@@ -7,18 +7,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.group_scheduler import run_groups, threads_of_groups
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.groups import Group
-from pipelines.takes.point_files import read_points
-from pipelines.takes.records import result_of
-from pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages.group_scheduler import run_groups, threads_of_groups
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params, key_of
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.records import result_of
+from v3studio.pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     from torch import Tensor

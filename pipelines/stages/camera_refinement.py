@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.reports.calibration import write_calibration_page
-from pipelines.stages.calibrate import given_cameras
-from pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import derived_seed
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import atomic_path, remove, write_model
-from pipelines.takes.stage_files import CameraChange, CameraRefinement
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
-from studio.own_frame import own_frame
+from v3studio.pipelines.reports.calibration import write_calibration_page
+from v3studio.pipelines.stages.calibrate import given_cameras
+from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import derived_seed
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.takes.atomic_files import atomic_path, remove, write_model
+from v3studio.pipelines.takes.stage_files import CameraChange, CameraRefinement
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.own_frame import own_frame
 
 if TYPE_CHECKING:
-    from studio.training import Correction, TrainingView
+    from v3studio.studio.training import Correction, TrainingView
 
 VERSION = 2
 
@@ -51,8 +51,8 @@ def drop_refined_cameras(inputs: Inputs) -> None:
 
 
 def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
-    from studio.training import refine_cameras
-    from studio.training.camera_refinement import WORTH
+    from v3studio.studio.training import refine_cameras
+    from v3studio.studio.training.camera_refinement import WORTH
 
     drop_refined_cameras(inputs)
     group, footage = inputs.groups[0], inputs.calibrated_footage

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.stages.inputs import Inputs
-from studio.comparison import ViewPair, padded_box
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.studio.comparison import ViewPair, padded_box
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera
-    from studio.capture import Footage
-    from studio.gaussians import Gaussians
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.capture import Footage
+    from v3studio.studio.gaussians import Gaussians
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,28 +10,28 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from pipelines.config import Config
-from pipelines.reports.evaluation import render_report, sample_images
-from pipelines.stages import STAGE_NAMES, Executor, stage_named
-from pipelines.stages.baking.plan import baked_frames
-from pipelines.stages.compared_view import compared_cameras, compared_view
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of, settings_affecting
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import Result, read_model, remove, write_model, write_text
-from pipelines.takes.edited import EditedGroup
-from pipelines.takes.edits import edit_params
-from pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
-from pipelines.takes.groups import Group
-from pipelines.takes.records import result_of
-from pipelines.takes.take import group_name
-from studio.comparison import Residual, flicker_of, measure
-from studio.errors import Message, StudioError
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.reports.evaluation import render_report, sample_images
+from v3studio.pipelines.stages import STAGE_NAMES, Executor, stage_named
+from v3studio.pipelines.stages.baking.plan import baked_frames
+from v3studio.pipelines.stages.compared_view import compared_cameras, compared_view
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import Result, read_model, remove, write_model, write_text
+from v3studio.pipelines.takes.edited import EditedGroup
+from v3studio.pipelines.takes.edits import edit_params
+from v3studio.pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.records import result_of
+from v3studio.pipelines.takes.take import group_name
+from v3studio.studio.comparison import Residual, flicker_of, measure
+from v3studio.studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
-    from studio.perceptual import Lpips
-    from studio.stream import StreamReader
+    from v3studio.studio.capture import Footage
+    from v3studio.studio.perceptual import Lpips
+    from v3studio.studio.stream import StreamReader
 
 STAGE = stage_named("evaluate")
 
@@ -40,7 +40,7 @@ SHOWN_FRAMES = 4  # frames that the report shows as images, spread over the take
 
 @lru_cache(maxsize=1)
 def loaded_lpips(network: Literal["alex", "vgg"], device: str) -> Lpips:
-    from studio.perceptual import Lpips
+    from v3studio.studio.perceptual import Lpips
 
     return Lpips(network, device)
 
@@ -214,7 +214,7 @@ def _measured(inputs: Inputs, group: Group) -> MeasuredGroup | None:
 @contextmanager
 def _reader(inputs: Inputs) -> Iterator[StreamReader]:
     """The take's stream. Raises StudioError if it does not have the take's frames, or those of its trim."""
-    from studio.stream import StreamReader
+    from v3studio.studio.stream import StreamReader
 
     with StreamReader.open(inputs.take.stream) as reader:
         frames = len(baked_frames(inputs))

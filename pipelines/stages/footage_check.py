@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.reporter import StageReporter
-from studio.errors import Cancelled, Message, StudioError
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.studio.errors import Cancelled, Message, StudioError
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
+    from v3studio.studio.capture import Footage
 
 
 @contextmanager
@@ -25,8 +25,8 @@ def footage_check(
     StudioError if a frame cannot be read or has an empty mask. It names all problems, also if the block failed first
     with one of them.
     """
-    from studio.capture import check_footage
-    from studio.capture.checks import ColorDrift
+    from v3studio.studio.capture import check_footage
+    from v3studio.studio.capture.checks import ColorDrift
 
     ended, drift = Cancellation(), ColorDrift()
 

@@ -5,10 +5,10 @@ import gc
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.inputs import Inputs
-from studio.errors import Cancelled, StudioError
-from studio.memory import memory_limit
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.studio.errors import Cancelled, StudioError
+from v3studio.studio.memory import memory_limit
 
 _MOST = 8  # more threads than this contend for the GIL
 _BYTES_A_PIXEL = 16  # of a training view: 8 channels of bytes, for this frame and the next
@@ -51,8 +51,8 @@ def refuse_too_little_memory(inputs: Inputs) -> None:
 
 def memory_of_group(inputs: Inputs) -> int:
     """Estimated bytes that training one group takes on a CPU, beyond the program itself."""
-    from studio.training.joint import joint_bytes
-    from studio.training.views import CACHED_PIXELS
+    from v3studio.studio.training.joint import joint_bytes
+    from v3studio.studio.training.views import CACHED_PIXELS
 
     footage = inputs.calibrated_footage
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]

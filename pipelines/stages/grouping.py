@@ -3,12 +3,12 @@
 The stage `initialize` finds it once, on a few cameras, and stores it in the take.
 """
 
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.training_views import within_box
-from pipelines.takes.atomic_files import digest_of, read_model, write_model
-from pipelines.takes.records import result_of
-from pipelines.takes.stage_files import FoundMotion
-from studio.progress import ProgressFn
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.training_views import within_box
+from v3studio.pipelines.takes.atomic_files import digest_of, read_model, write_model
+from v3studio.pipelines.takes.records import result_of
+from v3studio.pipelines.takes.stage_files import FoundMotion
+from v3studio.studio.progress import ProgressFn
 
 CAMERAS = 4  # maximum number of training cameras to look at, evenly spaced
 
@@ -19,7 +19,7 @@ def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
     key = digest_of([1, seen, list(frames), result_of(inputs.take, "calibrate")])
     if path.is_file() and read_model(path, FoundMotion).key == key:
         return False
-    from studio.capture.motion import motion
+    from v3studio.studio.capture.motion import motion
 
     footage, box = inputs.calibrated_footage, inputs.training_box
     names = footage.train_cameras

@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.stages import Executor, stage_named
-from pipelines.stages.grouping import find_motion
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.rig_check import check_rig
-from pipelines.stages.training_views import within_box
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
-from pipelines.takes.groups import Group
-from pipelines.takes.point_files import write_mesh, write_points
-from pipelines.takes.records import digests_on_record, result_of
-from pipelines.takes.stage_files import InitialPointsReport
-from pipelines.takes.summaries import InitializeSummary
-from studio.errors import Message, StudioError
-from studio.memory_cache import OnDemand
+from v3studio.pipelines.stages import Executor, stage_named
+from v3studio.pipelines.stages.grouping import find_motion
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.rig_check import check_rig
+from v3studio.pipelines.stages.training_views import within_box
+from v3studio.pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.point_files import write_mesh, write_points
+from v3studio.pipelines.takes.records import digests_on_record, result_of
+from v3studio.pipelines.takes.stage_files import InitialPointsReport
+from v3studio.pipelines.takes.summaries import InitializeSummary
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
+    from v3studio.studio.capture import Footage
 
 _SEED_WORD = "initialise"  # part of the seed: with another word, the points of every take would change
 _FEWEST_POINTS = 4  # that a keyframe can be trained from
@@ -117,7 +117,7 @@ def _is_made(inputs: Inputs, group: Group, digest: Callable[[Path], str | None])
 
 
 def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, stop: float) -> None:
-    from studio.meshing import initialize_points
+    from v3studio.studio.meshing import initialize_points
 
     footage, box = inputs.calibrated_footage, inputs.training_box
     found = initialize_points(
@@ -168,7 +168,7 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
 
 def _tell_coverage(footage: Footage, reporter: StageReporter, points: np.ndarray, normals: np.ndarray) -> None:
     """Log how well the training cameras cover the performer, and warn of gaps."""
-    from studio.coverage import LARGEST_GAPS, coverage
+    from v3studio.studio.coverage import LARGEST_GAPS, coverage
 
     found = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
     if found is None:

@@ -6,24 +6,24 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from pipelines.config import Config
-from pipelines.stages.params import Params, settings_affecting
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
-from pipelines.takes.edits import edit_params, read_edits
-from pipelines.takes.groups import Group, cut_into_groups
-from pipelines.takes.path_here import path_here
-from pipelines.takes.stage_files import FoundMotion
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.errors import StudioError
-from studio.own_frame import in_own_frame, own_frame
-from studio.storage import is_address, mirrored
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.stages.params import Params, settings_affecting
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
+from v3studio.pipelines.takes.edits import edit_params, read_edits
+from v3studio.pipelines.takes.groups import Group, cut_into_groups
+from v3studio.pipelines.takes.path_here import path_here
+from v3studio.pipelines.takes.stage_files import FoundMotion
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.own_frame import in_own_frame, own_frame
+from v3studio.studio.storage import is_address, mirrored
 
 if TYPE_CHECKING:
-    from studio.cameras import Rig
-    from studio.capture import CaptureSettings, Footage
-    from studio.edits import CropBox, EditList
+    from v3studio.studio.cameras import Rig
+    from v3studio.studio.capture import CaptureSettings, Footage
+    from v3studio.studio.edits import CropBox, EditList
 
 
 @dataclass(eq=False)
@@ -74,7 +74,7 @@ class Inputs:
     def footage_digest(self) -> str:
         """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid. So
         do they when the take is moved or copied."""
-        from studio.capture import open_footage
+        from v3studio.studio.capture import open_footage
 
         everything = self.capture.replace(frames=None)
         garbage = file_of_garbage(self.config.capture, self.take)
@@ -98,7 +98,7 @@ class Inputs:
 
     def opened(self, rig: Rig | None) -> Footage:
         """The footage with other cameras; None: without cameras. Raises StudioError: it cannot be opened."""
-        from studio.capture import open_footage
+        from v3studio.studio.capture import open_footage
 
         run = self.config.run
         return open_footage(
@@ -135,7 +135,7 @@ def choose_device(name: str) -> str:
     """An available torch device: "cpu", "cuda" or "cuda:N" for one of these or "auto"."""
     import torch
 
-    from studio.rasterizer import preferred_device
+    from v3studio.studio.rasterizer import preferred_device
 
     if name == "auto":
         return preferred_device().type

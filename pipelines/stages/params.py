@@ -2,10 +2,10 @@
 
 from typing import Any, TypeAlias
 
-from pipelines.config.config import Config, values_of
-from pipelines.takes.atomic_files import digest_of
-from studio.json_types import JsonData
-from studio.settings import affected
+from v3studio.pipelines.config.config import Config, values_of
+from v3studio.pipelines.takes.atomic_files import digest_of
+from v3studio.studio.json_types import JsonData
+from v3studio.studio.settings import affected
 
 Params: TypeAlias = dict[str, JsonData]  # settings by dotted name, digests of inputs and of other stages' results
 

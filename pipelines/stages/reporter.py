@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
-from pipelines.events.cancellation import Cancellation
-from studio.errors import Message
-from studio.json_types import JsonData
-from studio.progress import ProgressFn
+from v3studio.pipelines.events import Emit, Event, Log, Metrics, Preview, Progress, Warned
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.studio.errors import Message
+from v3studio.studio.json_types import JsonData
+from v3studio.studio.progress import ProgressFn
 
 _LEAST_PAUSE = 0.2  # shortest interval in seconds between two progress events of a stage
 

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.reports.calibration import write_calibration_page
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import key_of
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import read_model, write_model
-from studio.calibration.epipolar import PairMatches, match_images
-from studio.calibration.report import RigVerdict
-from studio.calibration.verdict import judge
-from studio.cameras import Camera
-from studio.counts import counted, listed
-from studio.errors import Message, StudioError
-from studio.progress import ProgressFn
+from v3studio.pipelines.reports.calibration import write_calibration_page
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import key_of
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import read_model, write_model
+from v3studio.studio.calibration.epipolar import PairMatches, match_images
+from v3studio.studio.calibration.report import RigVerdict
+from v3studio.studio.calibration.verdict import judge
+from v3studio.studio.cameras import Camera
+from v3studio.studio.counts import counted, listed
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    from studio.capture import Footage, FootageView
+    from v3studio.studio.capture import Footage, FootageView
 
 
 _NAMED_PLACES = 3  # cameras of which the place is named where their masks contradict the others, the worst first
@@ -82,7 +82,7 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
 
 
 def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
-    from studio.masks.agreement.source import AgreedMaskSource
+    from v3studio.studio.masks.agreement.source import AgreedMaskSource
 
     footage = inputs.calibrated_footage
     matching = reporter.part("checking the cameras", 0.0, 0.02)
@@ -111,8 +111,8 @@ def judge_views(
 ) -> RigVerdict:
     """Judge a rig by the images and masks of a frame, the latter those of `views`, if they are enough. `near` gives
     masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others."""
-    from studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
-    from studio.meshing.silhouettes import silhouettes
+    from v3studio.studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
+    from v3studio.studio.meshing.silhouettes import silhouettes
 
     if len(views) < LEAST_CAMERAS:
         return judge(cameras, pairs, None)

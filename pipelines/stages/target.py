@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from studio.errors import Message, StudioError
-from studio.validation import camera_error
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.validation import camera_error
 
 _MOST_FRAMES = 300  # per camera that are searched for the target, spread evenly: more views do not help
 
 if TYPE_CHECKING:
-    from studio.calibration import CalibrationResult, TargetObservation
-    from studio.calibration.report import IntrinsicsReport
-    from studio.cameras import Camera
-    from studio.capture import CaptureSettings, Footage
+    from v3studio.studio.calibration import CalibrationResult, TargetObservation
+    from v3studio.studio.calibration.report import IntrinsicsReport
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.capture import CaptureSettings, Footage
 
 
 def target_digest(inputs: Inputs) -> list[str]:
@@ -35,7 +35,7 @@ def target_digest(inputs: Inputs) -> list[str]:
 
 def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> CalibrationResult:
     """Calibrate from `calibrate.board_images`, and `intrinsics_images` too. Raises StudioError: `target.*`."""
-    from studio.calibration import calibrate_from_target
+    from v3studio.studio.calibration import calibrate_from_target
 
     section = inputs.config.calibrate
     assert section.board_images is not None
@@ -77,7 +77,7 @@ def intrinsics_from_target(
     inputs: Inputs, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
     """Cameras by name from `calibrate.intrinsics_images`, and a report of their reprojection errors."""
-    from studio.calibration import calibrate_intrinsics
+    from v3studio.studio.calibration import calibrate_intrinsics
 
     section = inputs.config.calibrate
     assert section.intrinsics_images is not None
@@ -87,7 +87,7 @@ def intrinsics_from_target(
 
 
 def _open(capture: CaptureSettings, pattern: str) -> Footage:
-    from studio.capture import CaptureSettings, open_footage
+    from v3studio.studio.capture import CaptureSettings, open_footage
 
     spec = CaptureSettings(
         root=capture.root,
@@ -103,7 +103,7 @@ def _open(capture: CaptureSettings, pattern: str) -> Footage:
 def _views(
     inputs: Inputs, pattern: str, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
-    from studio.calibration import detect_target
+    from v3studio.studio.calibration import detect_target
 
     names, footage = inputs.raw_footage.camera_names, _open(inputs.capture, pattern)
     missing = [name for name in names if name not in footage.camera_names]

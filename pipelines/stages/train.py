@@ -16,27 +16,32 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from pipelines.stages import Executor, camera_colors, camera_refinement, stage_named
-from pipelines.stages.baking.live import LiveBake
-from pipelines.stages.camera_colors import ensure_camera_colors
-from pipelines.stages.camera_fit import fit_key, initial_files
-from pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refined_cameras, refines_cameras
-from pipelines.stages.footage_check import footage_check
-from pipelines.stages.group_scheduler import groups_at_once, refuse_too_little_memory, run_groups, threads_of_groups
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, key_of, settings_affecting
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.train_group import GroupWork, TrainClock, before_joint
-from pipelines.stages.training_views import details_at
-from pipelines.takes.atomic_files import read_model, remove
-from pipelines.takes.edits import edit_params
-from pipelines.takes.frame_files import has_key
-from pipelines.takes.groups import Group
-from pipelines.takes.records import result_of
-from pipelines.takes.stage_files import TrainedGroup
-from pipelines.takes.summaries import TrainSummary
-from studio.counts import counted
-from studio.errors import StudioError
+from v3studio.pipelines.stages import Executor, camera_colors, camera_refinement, stage_named
+from v3studio.pipelines.stages.baking.live import LiveBake
+from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
+from v3studio.pipelines.stages.camera_fit import fit_key, initial_files
+from v3studio.pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refined_cameras, refines_cameras
+from v3studio.pipelines.stages.footage_check import footage_check
+from v3studio.pipelines.stages.group_scheduler import (
+    groups_at_once,
+    refuse_too_little_memory,
+    run_groups,
+    threads_of_groups,
+)
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.train_group import GroupWork, TrainClock, before_joint
+from v3studio.pipelines.stages.training_views import details_at
+from v3studio.pipelines.takes.atomic_files import read_model, remove
+from v3studio.pipelines.takes.edits import edit_params
+from v3studio.pipelines.takes.frame_files import has_key
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.records import result_of
+from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.summaries import TrainSummary
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
 
 STAGE = stage_named("train")
 

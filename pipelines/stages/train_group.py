@@ -14,30 +14,37 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Literal
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.reports.images import render, write_image
-from pipelines.stages.camera_fit import initial_points
-from pipelines.stages.group_scheduler import run_groups, sides_at_once
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import derived_seed
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import read_model, remove, write_model
-from pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_frame, write_tensors
-from pipelines.takes.groups import Group
-from pipelines.takes.stage_files import TrainedGroup
-from pipelines.takes.take import Take
-from studio.errors import Message
-from studio.json_types import JsonData
-from studio.progress import ProgressFn
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.reports.images import render, write_image
+from v3studio.pipelines.stages.camera_fit import initial_points
+from v3studio.pipelines.stages.group_scheduler import run_groups, sides_at_once
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import derived_seed
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.takes.atomic_files import read_model, remove, write_model
+from v3studio.pipelines.takes.frame_files import (
+    FrameMetadata,
+    has_key,
+    read_frame,
+    read_tensors,
+    write_frame,
+    write_tensors,
+)
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Message
+from v3studio.studio.json_types import JsonData
+from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from studio.gaussians import Gaussians
-    from studio.training import TrainingView
-    from studio.training.refine import Refinement
-    from studio.training.settings import TrainSettings
+    from v3studio.studio.gaussians import Gaussians
+    from v3studio.studio.training import TrainingView
+    from v3studio.studio.training.refine import Refinement
+    from v3studio.studio.training.settings import TrainSettings
 
 
 _MANY_PIXELS, _GOOD_PIXELS = 600_000, 150_000
@@ -218,7 +225,7 @@ class GroupWork:
 
     def _kept_views(self, group: Group, position: int, views: list[TrainingView]) -> list[TrainingView]:
         """Views of a frame that joint training uses."""
-        from studio.training.joint import views_of_frame
+        from v3studio.studio.training.joint import views_of_frame
 
         sizes = [self.inputs.trained_footage.rig[name] for name in self.inputs.trained_footage.train_cameras]
         pixels = sum(camera.width * camera.height for camera in sizes)
@@ -229,7 +236,7 @@ class GroupWork:
     ) -> None:
         """Train all frames of a group together, from a checkpoint with the same key if there is one. `seen`: views of
         frames that this run has read already, by position; `keys`: of the frames before joint training."""
-        from studio.training import train_jointly
+        from v3studio.studio.training import train_jointly
 
         take, device = self.inputs.take, self.inputs.device
         path = take.joint_checkpoint(group.index)
@@ -282,7 +289,7 @@ class GroupWork:
         self, group: Group, position: int, last: list[Gaussians], views: list[TrainingView], keys: list[str]
     ) -> Gaussians:
         """Train a frame; `last`: up to three frames that were trained before it, the latest last."""
-        from studio.training import train_interframe
+        from v3studio.studio.training import train_interframe
 
         device = self.inputs.device
         seed = derived_seed(self.inputs.config.run.seed, "train", group.index, position)
@@ -310,7 +317,7 @@ class GroupWork:
         self, group: Group, views: list[TrainingView], key: str, seed: int, snapshot: Callable[[int, Gaussians], None]
     ) -> Gaussians:
         """Train the keyframe, from a checkpoint with the same key if there is one."""
-        from studio.training import train_keyframe
+        from v3studio.studio.training import train_keyframe
 
         path = self.inputs.take.keyframe_checkpoint(group.index)
 

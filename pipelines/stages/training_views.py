@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.stage_files import CameraColors
-from studio.edits.edit_list import EditList
-from studio.errors import Message, StudioError
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.studio.edits.edit_list import EditList
+from v3studio.studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from studio.capture import Footage, FootageView
-    from studio.edits import CropBox
-    from studio.training import TrainingView
+    from v3studio.studio.capture import Footage, FootageView
+    from v3studio.studio.edits import CropBox
+    from v3studio.studio.training import TrainingView
 
 
 def training_views(
@@ -46,7 +46,7 @@ def training_views(
         cameras: names; None: the training cameras.
         colored: with the cameras' colors, with `train.camera_colors`.
     """
-    from studio.training import Detail, TrainingView
+    from v3studio.studio.training import Detail, TrainingView
 
     footage, settings = footage or inputs.trained_footage, inputs.config.train
     cameras = footage.train_cameras if cameras is None else cameras

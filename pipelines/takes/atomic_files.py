@@ -16,10 +16,18 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from studio.atomic_files import PARTIAL, atomic_path, is_being_written, remove, write_bytes, write_json, write_text
-from studio.bounded_files import BOUNDS, TextError, parse_json, read_bounded
-from studio.errors import StudioError, first_violation, reason_of
-from studio.json_types import JsonObject
+from v3studio.studio.atomic_files import (
+    PARTIAL,
+    atomic_path,
+    is_being_written,
+    remove,
+    write_bytes,
+    write_json,
+    write_text,
+)
+from v3studio.studio.bounded_files import BOUNDS, TextError, parse_json, read_bounded
+from v3studio.studio.errors import StudioError, first_violation, reason_of
+from v3studio.studio.json_types import JsonObject
 
 __all__ = [
     "Result",

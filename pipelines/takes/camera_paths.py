@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pipelines.takes.edits import read_edits
-from pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
-from pipelines.takes.take import Take
-from pipelines.takes.videos import capture_place, decoded_video, open_reader, stream_numbers, trained_video
-from studio.errors import StudioError
-from studio.formats import EXPORTS
-from studio.formats.camera_path import FILM_FORMATS, Key, read_film_keys, read_path_keys
-from studio.formats.sequence import axes_of
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
-from studio.stream import CapturePlace
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers, trained_numbers
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import capture_place, decoded_video, open_reader, stream_numbers, trained_video
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import EXPORTS
+from v3studio.studio.formats.camera_path import FILM_FORMATS, Key, read_film_keys, read_path_keys
+from v3studio.studio.formats.sequence import axes_of
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.stream import CapturePlace
 
 PATH_SUFFIXES = (".json", *FILM_FORMATS)  # extensions of files with a camera path
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from studio.capture import CaptureSettings, find_cameras, held_out_cameras
-from studio.errors import StudioError
+from v3studio.studio.capture import CaptureSettings, find_cameras, held_out_cameras
+from v3studio.studio.errors import StudioError
 
 USES = ("training", "held out", "not used")  # what a camera can be used for
 

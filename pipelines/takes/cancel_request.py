@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pipelines.takes.atomic_files import remove, write_text
-from pipelines.takes.take import Take
-from studio.bounded_files import parse_json
-from studio.errors import StudioError, reason_of
+from v3studio.pipelines.takes.atomic_files import remove, write_text
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.bounded_files import parse_json
+from v3studio.studio.errors import StudioError, reason_of
 
 _LOOK = 0.5  # seconds between two looks for a request
 

@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.takes.take import Take
+from v3studio.pipelines.takes.take import Take
 
 if TYPE_CHECKING:
-    from pipelines.config import Config
-    from studio.capture import CaptureSettings
+    from v3studio.pipelines.config import Config
+    from v3studio.studio.capture import CaptureSettings
 
 _TAKE = "take:"
 

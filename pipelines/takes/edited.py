@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import FrameNumbers, trained_groups
-from pipelines.takes.groups import Group
-from pipelines.takes.take import Take
-from studio.errors import StudioError
-from studio.progress import ProgressFn
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers, trained_groups
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     import torch
 
-    from studio.edits import DetailMark, EditList, Paths, Selection
-    from studio.gaussians import Gaussians
+    from v3studio.studio.edits import DetailMark, EditList, Paths, Selection
+    from v3studio.studio.gaussians import Gaussians
 
 
 def edits_of_group(edits: EditList, group: Group) -> EditList:
@@ -36,7 +36,7 @@ def concerns(frames: tuple[int, int] | None, group: Group) -> bool:
 def read_paths(take: Take, group: Group) -> Paths:
     """Where the splats of a trained group are in each of its frames; StudioError if a frame is missing or damaged, or
     they have different numbers of splats (`take.not_trained`)."""
-    from studio.edits import Paths
+    from v3studio.studio.edits import Paths
 
     def frames() -> Iterator[Gaussians]:
         splats = None
@@ -59,7 +59,7 @@ def of_two_trainings(take: Take, group: int) -> StudioError:
 def newly_removed(take: Take, before: EditList, after: Sequence[EditList], progress: ProgressFn) -> list[int]:
     """How many splats each of `after` removes that `before` does not. Reads all trained frames. Raises StudioError as
     `read_paths`."""
-    from studio.edits import select
+    from v3studio.studio.edits import select
 
     counts, groups = [0] * len(after), trained_groups(take)
     for done, group in enumerate(groups):
@@ -72,7 +72,7 @@ def newly_removed(take: Take, before: EditList, after: Sequence[EditList], progr
 
 def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, weight: float) -> DetailMark:
     """A ball marked in a trained frame (its number in the footage; None: the first), with its path through all."""
-    from studio.edits import follow
+    from v3studio.studio.edits import follow
 
     files, starts = take.trained_files()
     if not files:
@@ -111,7 +111,7 @@ class EditedGroup:
 
     def selection(self) -> Selection:
         """What the edits remove. Reads all frames of the group. Raises StudioError: a frame is missing or damaged."""
-        from studio.edits import select
+        from v3studio.studio.edits import select
 
         return select(self._edits, read_paths(self._take, self._group))
 
@@ -148,7 +148,7 @@ class EditedGroup:
 
     def edited(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
         """As `cut`, in the world of the stream."""
-        from studio.formats.rigid_motion import placed
+        from v3studio.studio.formats.rigid_motion import placed
 
         return placed(self.cut(gaussians, among), self._edits.similarity)
 

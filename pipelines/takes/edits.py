@@ -11,14 +11,14 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipelines.takes.atomic_files import changing, read_json, validated, write_json
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
-from studio.errors import StudioError
-from studio.json_types import JsonData
-from studio.own_frame import own_frame, undone
-from studio.similarity import Similarity
+from v3studio.pipelines.takes.atomic_files import changing, read_json, validated, write_json
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonData
+from v3studio.studio.own_frame import own_frame, undone
+from v3studio.studio.similarity import Similarity
 
 EDITS_FORMAT = 1  # version of edits.json
 MOST_STEPS = 50  # changes that can be undone

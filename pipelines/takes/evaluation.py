@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 from pydantic import create_model
 
-from pipelines.takes.atomic_files import Result, read_model
-from pipelines.takes.records import read_record, result_of
-from pipelines.takes.take import Take
-from studio.comparison.metrics import EVALUATED, MAIN, Metric
-from studio.counts import size_words
+from v3studio.pipelines.takes.atomic_files import Result, read_model
+from v3studio.pipelines.takes.records import read_record, result_of
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison.metrics import EVALUATED, MAIN, Metric
+from v3studio.studio.counts import size_words
 
 MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
 """Figures of a row, in order: metrics of trained and decoded frames. LPIPS only with evaluate.lpips."""

@@ -7,13 +7,13 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipelines.takes.atomic_files import Result, atomic_path
-from studio.errors import StudioError, reason_of
+from v3studio.pipelines.takes.atomic_files import Result, atomic_path
+from v3studio.studio.errors import StudioError, reason_of
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from studio.gaussians import Gaussians
+    from v3studio.studio.gaussians import Gaussians
 
 # A single metadata entry: safetensors does not keep the order of several, and equal runs must give equal bytes.
 _ENTRY = "v3studio"
@@ -50,7 +50,7 @@ def read_frame(path: Path) -> Gaussians:
     """Read the Gaussians of a frame, on the CPU."""
     from safetensors import SafetensorError
 
-    from studio.gaussians import Gaussians
+    from v3studio.studio.gaussians import Gaussians
 
     try:
         return Gaussians.from_state_dict(_load(path))

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.groups import Group
-from pipelines.takes.stage_files import TrainedGroup
-from pipelines.takes.take import Take
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.take import Take
 
 
 @dataclass(frozen=True)

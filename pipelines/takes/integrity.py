@@ -7,14 +7,14 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from pipelines.takes.atomic_files import digest_of_file, read_model
-from pipelines.takes.edits import read_edits
-from pipelines.takes.frame_files import intact
-from pipelines.takes.marks import read_marks
-from pipelines.takes.records import StageRecord, read_record
-from pipelines.takes.take import Take
-from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
+from v3studio.pipelines.takes.atomic_files import digest_of_file, read_model
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.frame_files import intact
+from v3studio.pipelines.takes.marks import read_marks
+from v3studio.pipelines.takes.records import StageRecord, read_record
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn, no_progress
 
 
 class Damage(BaseModel):
@@ -118,8 +118,8 @@ def _changed_of_kept(take: Take, kept: Take, record: StageRecord) -> Iterator[Da
 
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:
     """Files that no stage writes, and the records of kept bakes, and what reads each."""
-    from studio.formats.camera_path import read_path_keys
-    from studio.masks.garbage_polygons import read_garbage_polygons
+    from v3studio.studio.formats.camera_path import read_path_keys
+    from v3studio.studio.masks.garbage_polygons import read_garbage_polygons
 
     return {
         take.edits: read_edits,

@@ -15,21 +15,21 @@ from typing import Any
 
 from pydantic import JsonValue, ValidationError
 
-from pipelines.config.config import Config, values_of
-from pipelines.config.loading import load_config
-from pipelines.takes.atomic_files import link_or_copy, remove, write_json, write_text
-from pipelines.takes.edits import EDITS_FORMAT, PREFIX, edit_params, read_edits
-from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.integrity import kept_folders, refuse_damage
-from pipelines.takes.records import StageRecord, read_record, result_of
-from pipelines.takes.settings_file import changed_text, set_settings
-from pipelines.takes.summaries import BakeSummary
-from pipelines.takes.take import Take
-from studio.atomic_files import PARTIAL, atomic_path
-from studio.counts import span
-from studio.errors import StudioError
-from studio.json_types import JsonData, JsonObject
-from studio.settings import affected, field_named
+from v3studio.pipelines.config.config import Config, values_of
+from v3studio.pipelines.config.loading import load_config
+from v3studio.pipelines.takes.atomic_files import link_or_copy, remove, write_json, write_text
+from v3studio.pipelines.takes.edits import EDITS_FORMAT, PREFIX, edit_params, read_edits
+from v3studio.pipelines.takes.evaluation import read_evaluation
+from v3studio.pipelines.takes.integrity import kept_folders, refuse_damage
+from v3studio.pipelines.takes.records import StageRecord, read_record, result_of
+from v3studio.pipelines.takes.settings_file import changed_text, set_settings
+from v3studio.pipelines.takes.summaries import BakeSummary
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import PARTIAL, atomic_path
+from v3studio.studio.counts import span
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonData, JsonObject
+from v3studio.studio.settings import affected, field_named
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,59}")
 _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?", re.IGNORECASE)

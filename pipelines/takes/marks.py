@@ -11,9 +11,9 @@ from pathlib import Path
 
 from pydantic import Field, model_validator
 
-from pipelines.takes.atomic_files import Result, changing, read_json, validated, write_model
-from studio.errors import StudioError
-from studio.stream.metadata import plain_text
+from v3studio.pipelines.takes.atomic_files import Result, changing, read_json, validated, write_model
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.metadata import plain_text
 
 MAX_NOTE, MAX_AUTHOR = 2000, 80  # longest note and name, in characters
 MAX_MARKS = 2000  # most marks of a take

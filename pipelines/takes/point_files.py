@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.bounded_files import read_bounded
-from studio.camera_files import read_rig
-from studio.errors import StudioError
-from studio.own_frame import own_frame
+from v3studio.studio.bounded_files import read_bounded
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.own_frame import own_frame
 
 
 def write_mesh(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:

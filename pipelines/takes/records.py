@@ -10,10 +10,10 @@ from typing import TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 
-from pipelines.takes.atomic_files import Result, digest_of, digests_of_files, read_model, write_model
-from pipelines.takes.take import Take
-from studio.errors import Message, StudioError
-from studio.json_types import JsonObject
+from v3studio.pipelines.takes.atomic_files import Result, digest_of, digests_of_files, read_model, write_model
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.json_types import JsonObject
 
 Record = TypeVar("Record", bound=Result)
 

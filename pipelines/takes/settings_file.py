@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pipelines.config.config import Config, values_of
-from pipelines.config.loading import dump_config, load_config, read_yaml
-from pipelines.takes.atomic_files import write_text
-from studio.bounded_files import TextError, read_bounded_text
-from studio.errors import StudioError, reason_of
-from studio.yaml_text import dump_with_comments, parse_with_comments, parse_yaml
+from v3studio.pipelines.config.config import Config, values_of
+from v3studio.pipelines.config.loading import dump_config, load_config, read_yaml
+from v3studio.pipelines.takes.atomic_files import write_text
+from v3studio.studio.bounded_files import TextError, read_bounded_text
+from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.yaml_text import dump_with_comments, parse_with_comments, parse_yaml
 
 _FIX = "Fix the file, or write a new one with `v3studio config > FILE`."
 

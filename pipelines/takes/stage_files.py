@@ -5,9 +5,9 @@ from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, JsonValue
 
-from pipelines.takes.atomic_files import Result, read_json, read_model, validated
-from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport, RigVerdict
+from v3studio.pipelines.takes.atomic_files import Result, read_json, read_model, validated
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CalibrationReport, RigVerdict
 
 
 class InitialPointsReport(Result):

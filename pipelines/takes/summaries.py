@@ -5,10 +5,10 @@ from collections.abc import Mapping
 
 from pydantic import ValidationError
 
-from pipelines.takes.atomic_files import Result
-from pipelines.takes.evaluation import EvaluationSummary
-from studio.counts import counted, size_words, span
-from studio.json_types import JsonData
+from v3studio.pipelines.takes.atomic_files import Result
+from v3studio.pipelines.takes.evaluation import EvaluationSummary
+from v3studio.studio.counts import counted, size_words, span
+from v3studio.studio.json_types import JsonData
 
 
 class CalibrateSummary(Result):

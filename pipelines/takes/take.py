@@ -15,13 +15,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pipelines.takes.atomic_files import Result, held, holder_of, read_json, remove, sweep_partial, write_model
-from pipelines.version import program_version
-from studio.atomic_files import leftovers
-from studio.bounded_files import need_utf8
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.storage import StoreAddress, is_address
+from v3studio.pipelines.takes.atomic_files import Result, held, holder_of, read_json, remove, sweep_partial, write_model
+from v3studio.pipelines.version import program_version
+from v3studio.studio.atomic_files import leftovers
+from v3studio.studio.bounded_files import need_utf8
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.storage import StoreAddress, is_address
 
 TAKE_FORMAT = 2  # version of this layout
 

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.config import load_config
-from pipelines.takes.edits import no_frames_left, read_edits
-from pipelines.takes.frame_numbers import FrameNumbers, trained_groups, trained_numbers
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.errors import StudioError
-from studio.own_frame import in_own_frame, own_frame, undone
-from studio.similarity import Similarity
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.takes.edits import no_frames_left, read_edits
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers, trained_groups, trained_numbers
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.own_frame import in_own_frame, own_frame, undone
+from v3studio.studio.similarity import Similarity
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera
-    from studio.splat_video import SplatVideo
-    from studio.stream import CapturePlace, StreamReader
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.splat_video import SplatVideo
+    from v3studio.studio.stream import CapturePlace, StreamReader
 
 
 FALLBACK_FPS = 30.0  # frame rate if neither the settings nor the stream specify one, as for footage of still images
@@ -35,9 +35,9 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     """Trained frames of a take, up to the first missing one, with the take's edits. StudioError: not a take (see
     `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read (`take.edits_*`), or none of the
     trained frames is within the trim (`edits.no_frames_left`)."""
-    from pipelines.takes.edited import EditedGroup
-    from studio.edits.edit_list import UP
-    from studio.splat_video import SplatVideo
+    from v3studio.pipelines.takes.edited import EditedGroup
+    from v3studio.studio.edits.edit_list import UP
+    from v3studio.studio.splat_video import SplatVideo
 
     root = Path(root)
     take = Take.open(root)
@@ -83,8 +83,8 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
 
 def decoded_video(reader: StreamReader) -> SplatVideo:
     """Frames of a stream as players decode them."""
-    from studio.splat_video import SplatVideo
-    from studio.stream import StreamMetadata
+    from v3studio.studio.splat_video import SplatVideo
+    from v3studio.studio.stream import StreamMetadata
 
     metadata = StreamMetadata.from_json(reader.manifest.metadata)
     camera, up = metadata.suggested_camera, metadata.up
@@ -120,14 +120,14 @@ def footage_cameras(source: str, *, decoded: bool) -> tuple[Camera, ...]:
 def open_reader(text: str) -> StreamReader:
     """Open a stream from its folder, the folder of a take, or a URL; StudioError as `stream_place` and
     `StreamReader.open`. The caller closes it."""
-    from studio.stream import StreamReader
+    from v3studio.studio.stream import StreamReader
 
     return StreamReader.open(stream_place(text))
 
 
 def capture_place(reader: StreamReader) -> CapturePlace:
     """Where a stream lies in the take that it was baked from; the identity for streams without edits."""
-    from studio.stream import CapturePlace, StreamMetadata
+    from v3studio.studio.stream import CapturePlace, StreamMetadata
 
     return StreamMetadata.from_json(reader.manifest.metadata).capture or CapturePlace()
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.audio.sound_file import SAMPLE_RATE, SoundFile
-from studio.errors import StudioError
+from v3studio.studio.audio.sound_file import SAMPLE_RATE, SoundFile
+from v3studio.studio.errors import StudioError
 
 
 @dataclass

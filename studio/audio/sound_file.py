@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.capture.media import open_media, start_of, video_stream
-from studio.errors import StudioError
+from v3studio.studio.capture.media import open_media, start_of, video_stream
+from v3studio.studio.errors import StudioError
 
 SAMPLE_RATE = 48_000
 """Samples per second that sound is resampled to: that of video production, which every device plays."""

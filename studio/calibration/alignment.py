@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from studio.calibration.report import FloorReport
-from studio.cameras import Rig
-from studio.errors import StudioError
-from studio.similarity import Similarity
+from v3studio.studio.calibration.report import FloorReport
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.similarity import Similarity
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:

@@ -11,8 +11,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.progress import ProgressFn, no_progress
+from v3studio.studio.cameras import Camera
+from v3studio.studio.progress import ProgressFn, no_progress
 
 _LONGEST = 960  # images are reduced to this many pixels on their longer side
 _FEATURES, _STRONGEST = 1200, 300

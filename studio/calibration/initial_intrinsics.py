@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.errors import StudioError
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
 
 
 def initial_camera(

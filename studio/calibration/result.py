@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.report import (
+from v3studio.studio.calibration.report import (
     CalibrationReport,
     CameraReport,
     ErrorStatistics,
     Neighbor,
     RigGeometry,
 )
-from studio.cameras import Rig
-from studio.counts import short_repr
+from v3studio.studio.cameras import Rig
+from v3studio.studio.counts import short_repr
 
 
 @dataclass

@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from studio.calibration.target.pattern import CalibrationTarget
-from studio.settings import Affects, Conflict, Empty, Heading, Name, Settings, Unbounded
+from v3studio.studio.calibration.target.pattern import CalibrationTarget
+from v3studio.studio.settings import Affects, Conflict, Empty, Heading, Name, Settings, Unbounded
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"]
 

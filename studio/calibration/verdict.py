@@ -6,10 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting, repetition
-from studio.calibration.report import CameraVerdict, RigVerdict
-from studio.cameras import OPENGL_AXES, Camera
-from studio.counts import cameras_listed, listed
+from v3studio.studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting, repetition
+from v3studio.studio.calibration.report import CameraVerdict, RigVerdict
+from v3studio.studio.cameras import OPENGL_AXES, Camera
+from v3studio.studio.counts import cameras_listed, listed
 
 Cameras = Mapping[str, Camera]
 

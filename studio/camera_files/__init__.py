@@ -7,23 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from studio.camera_files import annots_npy, dynamic_gaussians, easymocap, mvsnet, poses_bounds, rerf
-from studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
-from studio.camera_files.actorshq import read_actorshq, write_actorshq
-from studio.camera_files.colmap_model import numbered_models, read_colmap, write_colmap
-from studio.camera_files.common import read_json_value, read_text
-from studio.camera_files.json_rigs import rig_from_json
-from studio.camera_files.metashape import rig_from_metashape
-from studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
-from studio.camera_files.qualisys import rig_from_qualisys
-from studio.camera_files.realityscan import read_realityscan
-from studio.camera_files.rig_json import check_format, write_rig_json
-from studio.camera_files.toml_rigs import read_toml, write_toml
-from studio.camera_files.transforms_json import rig_from_transforms, write_transforms
-from studio.cameras import Rig
-from studio.counts import cameras_listed
-from studio.errors import StudioError, naming
-from studio.validation import camera_error
+from v3studio.studio.camera_files import annots_npy, dynamic_gaussians, easymocap, mvsnet, poses_bounds, rerf
+from v3studio.studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
+from v3studio.studio.camera_files.actorshq import read_actorshq, write_actorshq
+from v3studio.studio.camera_files.colmap_model import numbered_models, read_colmap, write_colmap
+from v3studio.studio.camera_files.common import read_json_value, read_text
+from v3studio.studio.camera_files.json_rigs import rig_from_json
+from v3studio.studio.camera_files.metashape import rig_from_metashape
+from v3studio.studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
+from v3studio.studio.camera_files.qualisys import rig_from_qualisys
+from v3studio.studio.camera_files.realityscan import read_realityscan
+from v3studio.studio.camera_files.rig_json import check_format, write_rig_json
+from v3studio.studio.camera_files.toml_rigs import read_toml, write_toml
+from v3studio.studio.camera_files.transforms_json import rig_from_transforms, write_transforms
+from v3studio.studio.cameras import Rig
+from v3studio.studio.counts import cameras_listed
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.validation import camera_error
 
 __all__ = ["find_camera_files", "read_rig", "write_rig"]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import check_expressible, read_csv, rigid_inverse, write_atomic
-from studio.camera_files.keyed import NO_DISTORTION
-from studio.cameras import Camera, Rig
-from studio.validation import camera_error, number
+from v3studio.studio.camera_files.common import check_expressible, read_csv, rigid_inverse, write_atomic
+from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.validation import camera_error, number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import no_cameras
-from studio.camera_files.keyed import KeyedForm, keyed_rig
-from studio.cameras import Rig
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.validation import missing_key
+from v3studio.studio.camera_files.common import no_cameras
+from v3studio.studio.camera_files.keyed import KeyedForm, keyed_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import missing_key
 
 NAME = "annots.npy"
 _SAFE = {

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.bounded_files import read_bounded
-from studio.camera_files.common import camera_names, check_expressible, read_text, unreadable, write_atomic
-from studio.cameras import Camera, Rig
-from studio.errors import StudioError, naming
-from studio.rotations import matrices_to_quats, quats_to_matrices
+from v3studio.studio.bounded_files import read_bounded
+from v3studio.studio.camera_files.common import camera_names, check_expressible, read_text, unreadable, write_atomic
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.rotations import matrices_to_quats, quats_to_matrices
 
 # name -> (id in the binary format, number of parameters)
 MODELS = {

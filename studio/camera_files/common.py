@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from studio.atomic_files import write_bytes
-from studio.bounded_files import TextError, parse_json, read_bounded
-from studio.cameras import Camera
-from studio.capture.patterns import without_extension
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.validation import camera_error
+from v3studio.studio.atomic_files import write_bytes
+from v3studio.studio.bounded_files import TextError, parse_json, read_bounded
+from v3studio.studio.cameras import Camera
+from v3studio.studio.capture.patterns import without_extension
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import camera_error
 
 
 def read_text(path: Path) -> str:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import no_cameras, read_json
-from studio.camera_files.keyed import NO_DISTORTION, KeyedForm, keyed_rig
-from studio.cameras import Rig
-from studio.errors import StudioError, naming
-from studio.json_types import JsonObject
-from studio.validation import missing_key
+from v3studio.studio.camera_files.common import no_cameras, read_json
+from v3studio.studio.camera_files.keyed import NO_DISTORTION, KeyedForm, keyed_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import missing_key
 
 TRAIN, TEST = "train_meta.json", "test_meta.json"
 _LISTS = ("k", "w2c", "fn", "cam_id")

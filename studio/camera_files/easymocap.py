@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import need_both, no_cameras, write_atomic
-from studio.camera_files.keyed import KeyedForm, keyed_rig, normal_key
-from studio.camera_files.opencv_storage import read_storage
-from studio.cameras import Rig
-from studio.errors import naming
-from studio.json_types import JsonObject
+from v3studio.studio.camera_files.common import need_both, no_cameras, write_atomic
+from v3studio.studio.camera_files.keyed import KeyedForm, keyed_rig, normal_key
+from v3studio.studio.camera_files.opencv_storage import read_storage
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import naming
+from v3studio.studio.json_types import JsonObject
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 _LOWER_CASE = {"t": "time", "v": "view", "n": "near", "f": "far", "bounds": "bounds"}

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, no_cameras, wrong_shape
-from studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, keyed_rig
-from studio.cameras import Rig
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.validation import array, check_finite, missing_key
+from v3studio.studio.camera_files.common import camera_names, no_cameras, wrong_shape
+from v3studio.studio.camera_files.keyed import KeyedForm, ignored_in_file, is_camera, keyed_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import array, check_finite, missing_key
 
 _PANOPTIC = KeyedForm(unit=0.01, harmless=("calibDataSource",))
 _CORNER = "Principal points are taken relative to the image corner."

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import check_pose, fisheye, no_cameras, rigid_inverse, wrong_shape
-from studio.camera_files.nearby import size_nearby
-from studio.cameras import Camera, Rig, duplicate_name
-from studio.counts import cameras_listed, listed
-from studio.errors import StudioError
-from studio.validation import array, camera_error, check_finite, missing_key, number, whole
+from v3studio.studio.camera_files.common import check_pose, fisheye, no_cameras, rigid_inverse, wrong_shape
+from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.cameras import Camera, Rig, duplicate_name
+from v3studio.studio.counts import cameras_listed, listed
+from v3studio.studio.errors import StudioError
+from v3studio.studio.validation import array, camera_error, check_finite, missing_key, number, whole
 
 KEYS = {
     "K": ("cameramatrix", "intrinsicmatrix", "intrinsics", "intrinsic", "k", "mtx", "m", "matrix"),

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from studio.validation import camera_error
+from v3studio.studio.validation import camera_error
 
 _TOLERANCE = 0.25  # maximum allowed difference from the original model within the image, in pixels
 

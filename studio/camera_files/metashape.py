@@ -15,12 +15,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, check_pose, rigid_inverse, wrong_shape
-from studio.camera_files.lens_fit import brown
-from studio.cameras import Camera, Rig, focal_length_error
-from studio.counts import cameras_listed
-from studio.errors import StudioError
-from studio.validation import array, camera_error, check_finite, missing_key
+from v3studio.studio.camera_files.common import camera_names, check_pose, rigid_inverse, wrong_shape
+from v3studio.studio.camera_files.lens_fit import brown
+from v3studio.studio.cameras import Camera, Rig, focal_length_error
+from v3studio.studio.counts import cameras_listed
+from v3studio.studio.errors import StudioError
+from v3studio.studio.validation import array, camera_error, check_finite, missing_key
 
 Element = ElementTree.Element
 _NOTICEABLE = 0.25  # pixels

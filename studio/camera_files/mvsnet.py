@@ -8,12 +8,12 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from studio.camera_files.common import read_text
-from studio.camera_files.keyed import NO_DISTORTION
-from studio.camera_files.nearby import size_nearby
-from studio.cameras import Camera, Rig
-from studio.errors import StudioError, naming
-from studio.validation import array, check_finite
+from v3studio.studio.camera_files.common import read_text
+from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.validation import array, check_finite
 
 SUFFIX = "_cam.txt"
 

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from studio.capture.images import image_header
-from studio.capture.media import open_media, video_stream
-from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
-from studio.errors import StudioError
-from studio.validation import camera_error
+from v3studio.studio.capture.images import image_header
+from v3studio.studio.capture.media import open_media, video_stream
+from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
+from v3studio.studio.errors import StudioError
+from v3studio.studio.validation import camera_error
 
 _FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
 _FOOTAGE = sorted(IMAGE_EXTENSIONS) + sorted(VIDEO_EXTENSIONS)

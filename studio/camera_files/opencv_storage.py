@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.common import no_cameras, read_text
-from studio.camera_files.keyed import KeyedForm, keyed_rig
-from studio.camera_files.nearby import size_nearby, size_within
-from studio.cameras import Rig
-from studio.capture.patterns import find_files
-from studio.counts import cameras_listed
-from studio.errors import StudioError, naming
-from studio.json_types import JsonObject
+from v3studio.studio.camera_files.common import no_cameras, read_text
+from v3studio.studio.camera_files.keyed import KeyedForm, keyed_rig
+from v3studio.studio.camera_files.nearby import size_nearby, size_within
+from v3studio.studio.cameras import Rig
+from v3studio.studio.capture.patterns import find_files
+from v3studio.studio.counts import cameras_listed
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.json_types import JsonObject
 
 EXTENSIONS = frozenset({".xml", ".yml", ".yaml"})
 

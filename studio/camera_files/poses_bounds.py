@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import rigid_inverse
-from studio.camera_files.keyed import NO_DISTORTION
-from studio.cameras import Camera, Rig
-from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
-from studio.errors import StudioError
-from studio.validation import check_finite
+from v3studio.studio.camera_files.common import rigid_inverse
+from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
+from v3studio.studio.errors import StudioError
+from v3studio.studio.validation import check_finite
 
 NAME = "poses_bounds.npy"
 _FOLDERS = ("", "videos", "images", "frames")

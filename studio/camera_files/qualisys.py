@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from studio.camera_files.common import no_cameras
-from studio.camera_files.keyed import Found
-from studio.cameras import OPENGL_AXES, Camera, Rig
-from studio.validation import missing_key, number
+from v3studio.studio.camera_files.common import no_cameras
+from v3studio.studio.camera_files.keyed import Found
+from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
+from v3studio.studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0
 _DISTORTION = (

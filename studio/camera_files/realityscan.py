@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import camera_names, read_csv, rigid_inverse
-from studio.camera_files.keyed import NO_DISTORTION
-from studio.camera_files.lens_fit import brown
-from studio.camera_files.nearby import size_nearby
-from studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
-from studio.counts import cameras_listed
-from studio.errors import StudioError
-from studio.validation import camera_error, number
+from v3studio.studio.camera_files.common import camera_names, read_csv, rigid_inverse
+from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.lens_fit import brown
+from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
+from v3studio.studio.counts import cameras_listed
+from v3studio.studio.errors import StudioError
+from v3studio.studio.validation import camera_error, number
 
 COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")

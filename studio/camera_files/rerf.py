@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.camera_files.common import need_both, read_text, rigid_inverse
-from studio.camera_files.keyed import NO_DISTORTION
-from studio.camera_files.nearby import size_nearby
-from studio.cameras import Camera, Rig
-from studio.counts import counted
-from studio.errors import StudioError, naming
-from studio.validation import array, check_finite
+from v3studio.studio.camera_files.common import need_both, read_text, rigid_inverse
+from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.validation import array, check_finite
 
 POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 

@@ -8,10 +8,10 @@ the image corner.
 import json
 from pathlib import Path
 
-from studio.camera_files.common import write_atomic
-from studio.cameras import Rig
-from studio.errors import StudioError
-from studio.json_types import JsonObject
+from v3studio.studio.camera_files.common import write_atomic
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
 
 FORMAT = "v3studio-rig"
 VERSION = 1

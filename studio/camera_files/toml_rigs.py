@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.bounded_files import TextError, parse_toml
-from studio.camera_files.common import no_cameras, read_text, write_atomic
-from studio.camera_files.keyed import KeyedForm, is_camera, keyed_rig
-from studio.cameras import Rig
-from studio.errors import StudioError
-from studio.json_types import JsonObject
+from v3studio.studio.bounded_files import TextError, parse_toml
+from v3studio.studio.camera_files.common import no_cameras, read_text, write_atomic
+from v3studio.studio.camera_files.keyed import KeyedForm, is_camera, keyed_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
 
 _FORM = KeyedForm(harmless=("verified_resolutions",))
 

@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from studio.camera_files.common import (
+from v3studio.studio.camera_files.common import (
     camera_names,
     check_expressible,
     fisheye,
@@ -28,14 +28,14 @@ from studio.camera_files.common import (
     write_atomic,
     wrong_shape,
 )
-from studio.camera_files.keyed import TERMS, Found, KeyedForm, keyed_camera, normal_key
-from studio.camera_files.nearby import size_nearby
-from studio.cameras import OPENGL_AXES, Camera, Rig
-from studio.capture.patterns import without_extension
-from studio.counts import listed
-from studio.errors import StudioError, naming
-from studio.json_types import JsonObject
-from studio.validation import array, missing_key
+from v3studio.studio.camera_files.keyed import TERMS, Found, KeyedForm, keyed_camera, normal_key
+from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
+from v3studio.studio.capture.patterns import without_extension
+from v3studio.studio.counts import listed
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import array, missing_key
 
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json")
 _SAME = (  # keys of the same value: one in an entry replaces all of them beside `frames`

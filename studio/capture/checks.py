@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from studio.capture.footage import Footage
-from studio.capture.patterns import number_ranges
-from studio.counts import plural
-from studio.errors import Message, StudioError
-from studio.masks.mask_source import FullMaskSource, MissingMaskSource
-from studio.progress import ProgressFn, no_progress
+from v3studio.studio.capture.footage import Footage
+from v3studio.studio.capture.patterns import number_ranges
+from v3studio.studio.counts import plural
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.masks.mask_source import FullMaskSource, MissingMaskSource
+from v3studio.studio.progress import ProgressFn, no_progress
 
 _LARGEST_DRIFT = 0.03  # change of a color channel that is reported, relative to its median over time
 

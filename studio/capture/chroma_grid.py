@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.chroma import ChromaSampling
+from v3studio.studio.chroma import ChromaSampling
 
 _MATRIX_TAGS = {1: "bt709", 9: "bt2020", 10: "bt2020"}  # FFmpeg's AVColorSpace; BT.601 if untagged, as in `VideoReader`
 _LEVELS = 4

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from studio.capture.footage import Footage
-from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
+from v3studio.studio.capture.footage import Footage
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn, no_progress
 
 REFERENCE = np.array(
     [
@@ -189,7 +189,7 @@ def _matrix(mean: np.ndarray, colors: np.ndarray) -> np.ndarray:
     """(3, 4) least squares solution; linear in `colors`, so that the mean of all cameras gets the neutral matrix."""
     import torch
 
-    from studio.color_fit import fit_color
+    from v3studio.studio.color_fit import fit_color
 
     fitted = fit_color(torch.from_numpy(mean), torch.ones(len(mean)), torch.from_numpy(colors))
     return np.asarray(fitted.numpy())

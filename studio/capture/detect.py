@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from functools import cache
 from pathlib import Path, PurePosixPath
 
-from studio.bounded_files import parse_json, read_bounded
-from studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera, shared_start
-from studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
-from studio.counts import counted
-from studio.errors import StudioError
+from v3studio.studio.bounded_files import parse_json, read_bounded
+from v3studio.studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera, shared_start
+from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
 
 _MASK_WORD = "(?:[a-z]?masks?|mattes?|alphas?|pha|segs?|segm|segmentations?|silhouettes?|sil)"
 MASK_FOLDERS = re.compile(rf"(?:.*[^a-z])?{_MASK_WORD}(?:[^a-z].*)?", re.I)

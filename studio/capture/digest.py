@@ -4,8 +4,8 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from studio.errors import StudioError
-from studio.storage.objects import read_pointer
+from v3studio.studio.errors import StudioError
+from v3studio.studio.storage.objects import read_pointer
 
 HASH_WHOLE_BELOW = 512 << 20  # total size in bytes up to which file contents are hashed; see `digest_files`
 

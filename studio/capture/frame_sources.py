@@ -10,13 +10,13 @@ from typing import Protocol
 
 import numpy as np
 
-from studio.capture.images import image_header, read_image
-from studio.capture.patterns import VIDEO_EXTENSIONS, Match
-from studio.capture.transfer import TransferFunction
-from studio.capture.video import VideoReader
-from studio.chroma import ChromaSampling
-from studio.errors import StudioError
-from studio.memory import memory_available
+from v3studio.studio.capture.images import image_header, read_image
+from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS, Match
+from v3studio.studio.capture.transfer import TransferFunction
+from v3studio.studio.capture.video import VideoReader
+from v3studio.studio.chroma import ChromaSampling
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import memory_available
 
 
 class FrameSource(Protocol):

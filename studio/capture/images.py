@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from studio.capture.transfer import TransferFunction, eight_bit
-from studio.errors import StudioError
-from studio.storage import cached_object
+from v3studio.studio.capture.transfer import TransferFunction, eight_bit
+from v3studio.studio.errors import StudioError
+from v3studio.studio.storage import cached_object
 
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame

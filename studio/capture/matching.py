@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 
-from studio.cameras import Camera, Rig
-from studio.capture.patterns import natural_key, without_extension
-from studio.capture.settings import CaptureSettings
-from studio.counts import cameras_listed
-from studio.errors import StudioError
-from studio.yaml_text import inline_yaml
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture.patterns import natural_key, without_extension
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.counts import cameras_listed
+from v3studio.studio.errors import StudioError
+from v3studio.studio.yaml_text import inline_yaml
 
 _LEAST_CAMERAS = 2  # A visual hull and triangulation need so many
 

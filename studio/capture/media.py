@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studio.storage import cached_object
+from v3studio.studio.storage import cached_object
 
 if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-    from studio.storage import CachedObject
+    from v3studio.studio.storage import CachedObject
 
 FORMATS = (
     "mov", "mp4", "matroska", "webm", "avi", "mxf", "mpegts", "mpeg", "mpegvideo", "m4v", "asf", "ivf", "h264", "hevc",

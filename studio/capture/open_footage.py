@@ -6,25 +6,25 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from studio.cameras import Camera, Rig
-from studio.capture.detect import chapters_of_one, detect_images, parts_pattern
-from studio.capture.footage import Footage
-from studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
-from studio.capture.matching import refuse_missing, rig_of_footage
-from studio.capture.patterns import Match, find_files, number_ranges
-from studio.capture.settings import EVERY, CaptureSettings
-from studio.capture.sound import find_sound
-from studio.capture.warp import Warp, fit_size
-from studio.counts import cameras_listed, counted, listed, plural
-from studio.errors import Message, StudioError, shown
-from studio.masks.garbage_masks import garbage_masks
-from studio.masks.mask_files import exact_masks
-from studio.masks.mask_source import MaskInputs, masked_cameras
-from studio.masks.sources import open_mask_source
-from studio.memory import memory_limit
-from studio.memory_cache import image_cache
-from studio.storage import is_address, mirrored
-from studio.yaml_text import inline_yaml
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture.detect import chapters_of_one, detect_images, parts_pattern
+from v3studio.studio.capture.footage import Footage
+from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
+from v3studio.studio.capture.matching import refuse_missing, rig_of_footage
+from v3studio.studio.capture.patterns import Match, find_files, number_ranges
+from v3studio.studio.capture.settings import EVERY, CaptureSettings
+from v3studio.studio.capture.sound import find_sound
+from v3studio.studio.capture.warp import Warp, fit_size
+from v3studio.studio.counts import cameras_listed, counted, listed, plural
+from v3studio.studio.errors import Message, StudioError, shown
+from v3studio.studio.masks.garbage_masks import garbage_masks
+from v3studio.studio.masks.mask_files import exact_masks
+from v3studio.studio.masks.mask_source import MaskInputs, masked_cameras
+from v3studio.studio.masks.sources import open_mask_source
+from v3studio.studio.memory import memory_limit
+from v3studio.studio.memory_cache import image_cache
+from v3studio.studio.storage import is_address, mirrored
+from v3studio.studio.yaml_text import inline_yaml
 
 _SUGGESTED_STEP = 8  # of so many cameras, one is suggested to be held out
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr", ".dpx"})
 _OTHER_IMAGES = frozenset({".heic", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".jp2", ".tga", ".ppm", ".gif"})

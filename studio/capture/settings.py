@@ -7,11 +7,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_args
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
-from studio.capture.frame_range import parse_frame_range
-from studio.capture.transfer import TransferFunction
-from studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings, Unbounded
-from studio.storage import StoreAddress, is_address
-from studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
+from v3studio.studio.capture.frame_range import parse_frame_range
+from v3studio.studio.capture.transfer import TransferFunction
+from v3studio.studio.settings import Affects, Color, Conflict, Empty, Heading, Name, Settings, Unbounded
+from v3studio.studio.storage import StoreAddress, is_address
+from v3studio.studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 
 MaskKind = Literal[
     "auto", "none", "alpha", "files", "clean_plate", "agreed", "median_background", "chroma_key", "plain", "model"
@@ -213,7 +213,7 @@ class CaptureSettings(DifferenceSettings, FileSettings):
     @field_validator("key_color", mode="wrap")
     @classmethod
     def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-        from studio.masks.screen_color import saturated
+        from v3studio.studio.masks.screen_color import saturated
 
         try:
             color = check(value)

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.audio import Cut, SoundFile, cut_sound
-from studio.capture.frame_sources import FrameSource
-from studio.capture.patterns import VIDEO_EXTENSIONS
-from studio.capture.settings import CaptureSettings
-from studio.errors import StudioError
+from v3studio.studio.audio import Cut, SoundFile, cut_sound
+from v3studio.studio.capture.frame_sources import FrameSource
+from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.errors import StudioError
 
 
 @dataclass(frozen=True)

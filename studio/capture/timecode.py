@@ -10,8 +10,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from studio.capture.media import open_media, video_stream
-from studio.errors import StudioError, naming
+from v3studio.studio.capture.media import open_media, video_stream
+from v3studio.studio.errors import StudioError, naming
 
 if TYPE_CHECKING:
     from av.container import InputContainer

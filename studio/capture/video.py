@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from studio.capture.chroma_grid import chroma_grid
-from studio.capture.media import decoded, open_media, open_packets, video_stream
-from studio.capture.transfer import TransferFunction, eight_bit
-from studio.chroma import ChromaSampling
-from studio.errors import StudioError
+from v3studio.studio.capture.chroma_grid import chroma_grid
+from v3studio.studio.capture.media import decoded, open_media, open_packets, video_stream
+from v3studio.studio.capture.transfer import TransferFunction, eight_bit
+from v3studio.studio.chroma import ChromaSampling
+from v3studio.studio.errors import StudioError
 
 # swscale flags: bicubic, full horizontal chroma interpolation, accurate rounding. The default repeats chroma samples,
 # which is visible at silhouettes and reduces the color accuracy of 4:2:0 footage by about 1 dB.

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.validation import camera_error
+from v3studio.studio.cameras import Camera
+from v3studio.studio.validation import camera_error
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from studio.comparison.metrics import Distance, measure
-from studio.comparison.view_pair import ViewPair, padded_box
+from v3studio.studio.comparison.metrics import Distance, measure
+from v3studio.studio.comparison.view_pair import ViewPair, padded_box
 
 if TYPE_CHECKING:
-    from studio.capture import Footage
-    from studio.gaussians import Gaussians
+    from v3studio.studio.capture import Footage
+    from v3studio.studio.gaussians import Gaussians
 
 
 def evaluate(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studio.comparison.view_pair import ViewPair
+from v3studio.studio.comparison.view_pair import ViewPair
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -47,7 +47,7 @@ class Metric:
 
 
 def _psnr(image: np.ndarray | None, pair: ViewPair, where: np.ndarray | None = None) -> float | None:
-    from studio.metrics import psnr
+    from v3studio.studio.metrics import psnr
 
     if image is None or (where is not None and not where.any()):
         return None
@@ -56,7 +56,7 @@ def _psnr(image: np.ndarray | None, pair: ViewPair, where: np.ndarray | None = N
 
 
 def _ssim(pair: ViewPair, lpips: Distance | None) -> float:
-    from studio.metrics import ssim
+    from v3studio.studio.metrics import ssim
 
     return float(ssim(_tensor(pair.rendered), _tensor(pair.footage)))
 
@@ -64,7 +64,7 @@ def _ssim(pair: ViewPair, lpips: Distance | None) -> float:
 def _lpips(pair: ViewPair, lpips: Distance | None) -> float | None:
     if lpips is None:
         return None
-    from studio.perceptual import at_least
+    from v3studio.studio.perceptual import at_least
 
     rendered, footage = (at_least(_tensor(image), pair.background) for image in (pair.rendered, pair.footage))
     return lpips(rendered, footage)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera
-    from studio.gaussians import Gaussians
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.gaussians import Gaussians
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ class ViewPair:
         """Render a view and composite (H, W, 3) uint8 RGB footage by its (H, W) uint8 mask over RGB in 0 to 1."""
         import torch
 
-        from studio.color_fit import correct_color, fit_color
-        from studio.rasterizer import rasterize
+        from v3studio.studio.color_fit import correct_color, fit_color
+        from v3studio.studio.rasterizer import rasterize
 
         box = (slice(0, camera.height), slice(0, camera.width)) if box is None else box
         color = torch.tensor(background, dtype=torch.float32, device=device)

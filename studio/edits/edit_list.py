@@ -14,10 +14,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from studio.cameras import Camera
-from studio.errors import StudioError
-from studio.rotations import quats_to_matrices
-from studio.similarity import Similarity, rotation_between
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.rotations import quats_to_matrices
+from v3studio.studio.similarity import Similarity, rotation_between
 
 MOST_POINTS = 400  # most points of a region's outline
 MOST_REGIONS = 100  # most regions of a take

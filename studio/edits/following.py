@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from studio.edits.edit_list import DetailMark
-from studio.errors import StudioError
+from v3studio.studio.edits.edit_list import DetailMark
+from v3studio.studio.errors import StudioError
 
 EVERY = 4  # frames between two points of a path
 

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from studio.edits.edit_list import EditList, Floaters, Region
-from studio.gaussians import Gaussians
+from v3studio.studio.edits.edit_list import EditList, Floaters, Region
+from v3studio.studio.gaussians import Gaussians
 
 DISTANCE = 0.02  # default of `Floaters.distance`, of the diagonal of the performer's box
 

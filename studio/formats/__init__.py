@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from studio.counts import counted
-from studio.errors import StudioError
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from studio.formats.checks import Note
-    from studio.gaussians import Gaussians
+    from v3studio.studio.formats.checks import Note
+    from v3studio.studio.gaussians import Gaussians
 
 Up = tuple[float, float, float]
 _COLMAP: Up = (0.0, -1.0, 0.0)  # 3DGS uses the axes of COLMAP cameras, and so do files converted from its PLY
@@ -52,7 +52,7 @@ class Format:
     @property
     def module(self) -> Any:
         """The module that reads and writes it."""
-        return importlib.import_module(f"studio.formats.{self.name}")
+        return importlib.import_module(f"v3studio.studio.formats.{self.name}")
 
 
 FORMATS = (
@@ -143,7 +143,7 @@ def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
     path = Path(path)
     import torch
 
-    from studio.formats.checks import check_some_usable, usable
+    from v3studio.studio.formats.checks import check_some_usable, usable
 
     rows = read_rows(path, note).to(torch.float32)
     kept = usable(rows)

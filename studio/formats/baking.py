@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from studio.errors import StudioError
-from studio.formats.placing import new_folder
-from studio.memory_cache import OnDemand
-from studio.progress import ProgressFn, no_progress
-from studio.splat_video import SplatVideo
-from studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
-from studio.training.settings import GROUP_SIZE
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.placing import new_folder
+from v3studio.studio.memory_cache import OnDemand
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.stream import BakeSettings, Manifest, StreamMetadata, bake_group, write_manifest
+from v3studio.studio.training.settings import GROUP_SIZE
 
 
 def cut(video: SplatVideo, group_size: int, first_size: int | None = None) -> list[range]:

@@ -28,14 +28,14 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
-from studio.atomic_files import write_json
-from studio.camera_files import read_rig
-from studio.camera_files.common import read_json
-from studio.cameras import Camera, look_at_pose
-from studio.errors import StudioError, first_violation, naming
-from studio.formats import USD_SUFFIXES
-from studio.json_types import JsonObject
-from studio.splat_video import SplatVideo
+from v3studio.studio.atomic_files import write_json
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.camera_files.common import read_json
+from v3studio.studio.cameras import Camera, look_at_pose
+from v3studio.studio.errors import StudioError, first_violation, naming
+from v3studio.studio.formats import USD_SUFFIXES
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.splat_video import SplatVideo
 
 FORMAT = "v3studio-camera-path"
 VERSION = 1
@@ -221,7 +221,7 @@ def read_film_keys(
     the camera: None if there is only one; `size` of the image, for formats without it; `numbers`: of the video's
     frames, ascending.
     """
-    module = importlib.import_module(f"studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
+    module = importlib.import_module(f"v3studio.studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
     found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
     if (name is None and len(found) > 1) or (name is not None and name not in found):
         problem = f"the file has the cameras {', '.join(found)}" + ("" if name is None else f", not '{name}'")
@@ -285,7 +285,7 @@ def turntable(
         problem = f"elevation is {elevation} degrees; it must be -89 to 89"
         raise StudioError("export.invalid_elevation", problem, value=elevation)
     center, radius = subject_sphere(video)
-    from studio.formats.rigid_motion import upright
+    from v3studio.studio.formats.rigid_motion import upright
 
     right, up, front = upright(video)
     focal = min(width, height) / 2 / math.tan(_FIELD_OF_VIEW / 2)

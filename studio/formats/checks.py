@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.bounded_files import read_bounded
-from studio.errors import StudioError, naming
-from studio.gaussians import Gaussians
-from studio.rasterizer import check_finite
+from v3studio.studio.bounded_files import read_bounded
+from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import check_finite
 
 Note = Callable[[str], None]
 """Takes what a reader ignored or assumed, as one sentence that is the same for each frame of a sequence."""

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats.checks import check_count, damaged, from_arrays, logits, quats_of_three
-from studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.checks import check_count, damaged, from_arrays, logits, quats_of_three
+from v3studio.studio.gaussians import SH_C0, Gaussians
 
 if TYPE_CHECKING:
     from plyfile import PlyData, PlyElement

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import OPENGL_AXES, Camera
-from studio.errors import StudioError
-from studio.formats.placing import new_folder
-from studio.formats.plates import Plate, Plates, Shutter
-from studio.progress import ProgressFn, no_progress
-from studio.rasterizer.deep_samples import DeepSamples
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
+from v3studio.studio.cameras import OPENGL_AXES, Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.placing import new_folder
+from v3studio.studio.formats.plates import Plate, Plates, Shutter
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.rasterizer.deep_samples import DeepSamples
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
 
 CONFIG = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"  # converts colors; in every OpenColorIO since 2.2
 COLOR_SPACES = {  # by name: space in `CONFIG`, its `colorInteropID`, chromaticities of its primaries and white

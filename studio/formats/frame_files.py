@@ -4,9 +4,9 @@ import itertools
 import re
 from pathlib import Path
 
-from studio.errors import StudioError
-from studio.formats import FRAME_FILES, META, READ_SUFFIXES, suffix_of
-from studio.formats.sog import is_sog_meta
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import FRAME_FILES, META, READ_SUFFIXES, suffix_of
+from v3studio.studio.formats.sog import is_sog_meta
 
 CHECKPOINT = "point_cloud.ply"  # what 3DGS and its descendants call the result of an iteration
 

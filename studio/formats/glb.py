@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats.checks import to_arrays
-from studio.gaussians import SH_C0, Gaussians
-from studio.json_types import JsonObject
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.checks import to_arrays
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.json_types import JsonObject
 
 NAME = "KHR_gaussian_splatting"
 _FLOAT, _BYTE = 5126, 5121  # glTF component types

@@ -19,9 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats.checks import Note, check_count, damaged, from_arrays, log_scales, logits, read_bytes, truncated
-from studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.checks import (
+    Note,
+    check_count,
+    damaged,
+    from_arrays,
+    log_scales,
+    logits,
+    read_bytes,
+    truncated,
+)
+from v3studio.studio.gaussians import SH_C0, Gaussians
 
 _HEAD_SIZE, _SECTION_HEAD_SIZE = 4096, 1024
 _HEAD = struct.Struct("<BB2xI4xIIH14xff")  # version, sections, (used), most splats, splats, level, (center), SH range

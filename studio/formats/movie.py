@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from studio.audio import Pcm
-from studio.audio.encode import SoundEncoder
-from studio.cameras import Camera
-from studio.errors import StudioError
-from studio.formats.placing import new_file
-from studio.progress import ProgressFn, no_progress
-from studio.rasterizer import preferred_device, rasterize
-from studio.splat_video import SplatVideo
+from v3studio.studio.audio import Pcm
+from v3studio.studio.audio.encode import SoundEncoder
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.placing import new_file
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.rasterizer import preferred_device, rasterize
+from v3studio.studio.splat_video import SplatVideo
 
 _BT709 = 1  # FFmpeg's number for the BT.709 matrix, primaries and transfer, which players assume for HD video
 _MPEG_RANGE = 1

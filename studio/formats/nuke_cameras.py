@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from studio.camera_files.common import read_text
-from studio.cameras import OPENGL_AXES, Camera
-from studio.errors import StudioError
+from v3studio.studio.camera_files.common import read_text
+from v3studio.studio.cameras import OPENGL_AXES, Camera
+from v3studio.studio.errors import StudioError
 
 _NODES = ("Camera", "Camera2", "Camera3")
 _PARENTS = ("Axis", "Axis2", "Axis3", "TransformGeo")

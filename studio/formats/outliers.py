@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from studio.gaussians import Gaussians
+from v3studio.studio.gaussians import Gaussians
 
 _OUTSIDE = 1000  # one splat of so many may be far away
 _LEAST = 100  # fewer splats have no bulk

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from studio.edits.selection import connected_cells
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
+from v3studio.studio.edits.selection import connected_cells
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
 
 _GAPS = (0.1, 0.07, 0.05, 0.035)
 """Tried gaps between performers, relative to the size of all together. Smaller ones break bodies of few splats."""

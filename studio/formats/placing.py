@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from studio.atomic_files import atomic_path, remove, remove_leftovers
-from studio.errors import StudioError, reason_of
+from v3studio.studio.atomic_files import atomic_path, remove, remove_leftovers
+from v3studio.studio.errors import StudioError, reason_of
 
 
 def _check_target(path: Path, what: str) -> None:

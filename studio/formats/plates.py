@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from studio.cameras import Camera
-from studio.formats.performers import Performers
-from studio.gaussians import SH_C0, Gaussians
-from studio.rasterizer import preferred_device, rasterize
-from studio.rasterizer.deep_samples import DeepSamples, deep_samples
-from studio.rasterizer.types import Render, mean_depth
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
-from studio.torch_rotations import align_axes, quats_to_matrices
+from v3studio.studio.cameras import Camera
+from v3studio.studio.formats.performers import Performers
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.rasterizer import preferred_device, rasterize
+from v3studio.studio.rasterizer.deep_samples import DeepSamples, deep_samples
+from v3studio.studio.rasterizer.types import Render, mean_depth
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.torch_rotations import align_axes, quats_to_matrices
 
 FAR = 1e10  # depth where there is nothing, as renderers write it
 

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats.checks import LEAST_SCALE, Note, check_count, from_arrays, logits, to_arrays
-from studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed, sh_degree
-from studio.gaussians import Gaussians
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.checks import LEAST_SCALE, Note, check_count, from_arrays, logits, to_arrays
+from v3studio.studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed, sh_degree
+from v3studio.studio.gaussians import Gaussians
 
 if TYPE_CHECKING:
     from plyfile import PlyData, PlyElement

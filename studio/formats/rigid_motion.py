@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from studio.gaussians import Gaussians
-from studio.rasterizer.spherical_harmonics import sh_basis
-from studio.rotations import matrices_to_quats
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
-from studio.torch_rotations import quat_multiply
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.spherical_harmonics import sh_basis
+from v3studio.studio.rotations import matrices_to_quats
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.torch_rotations import quat_multiply
 
 
 def turned(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:

@@ -9,18 +9,28 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.formats import DEFAULT_FPS, USD_SUFFIXES, Up, dropped, ignore, read_rows, splats_size, up_of, write_splats
-from studio.formats.checks import Note, check_some_usable, usable
-from studio.formats.frame_files import CHECKPOINT, check_one_format, find_frames, formats_in
-from studio.formats.outliers import Bulk, Spread
-from studio.formats.placing import new_file, new_folder
-from studio.formats.rigid_motion import moved, scaled, turned, upright
-from studio.formats.videogs import is_videogs, open_videogs
-from studio.gaussians import Gaussians
-from studio.own_frame import frame_sentence, splats_frame
-from studio.progress import ProgressFn, no_progress
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
+from v3studio.studio.formats import (
+    DEFAULT_FPS,
+    USD_SUFFIXES,
+    Up,
+    dropped,
+    ignore,
+    read_rows,
+    splats_size,
+    up_of,
+    write_splats,
+)
+from v3studio.studio.formats.checks import Note, check_some_usable, usable
+from v3studio.studio.formats.frame_files import CHECKPOINT, check_one_format, find_frames, formats_in
+from v3studio.studio.formats.outliers import Bulk, Spread
+from v3studio.studio.formats.placing import new_file, new_folder
+from v3studio.studio.formats.rigid_motion import moved, scaled, turned, upright
+from v3studio.studio.formats.videogs import is_videogs, open_videogs
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.own_frame import frame_sentence, splats_frame
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
 
 _FINE = 0.1  # largest step of positions, in sizes of splats
 _SAMPLE = 4000  # number of splats compared to decide whether two frames have the same splats in the same order
@@ -158,7 +168,7 @@ def open_import(place: Path | str, fps: float | None = None, progress: ProgressF
         check_one_format(place, {"VideoGS": [place / "group_info.json"], **formats_in(place)})
         return open_videogs(place, fps or DEFAULT_FPS)
     if place.suffix.lower() in USD_SUFFIXES and not place.is_dir():
-        from studio.formats.usd import UsdFrames
+        from v3studio.studio.formats.usd import UsdFrames
 
         file = UsdFrames(place)
         frames = [Frame(place, file.size(time), partial(file.read, time)) for time in file.times]

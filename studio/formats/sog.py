@@ -22,10 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.bounded_files import TextError, parse_json
-from studio.errors import StudioError
-from studio.formats import META
-from studio.formats.checks import (
+from v3studio.studio.bounded_files import TextError, parse_json
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import META
+from v3studio.studio.formats.checks import (
     Note,
     check_count,
     check_expansion,
@@ -36,8 +36,8 @@ from studio.formats.checks import (
     quats_of_three,
     read_bytes,
 )
-from studio.gaussians import Gaussians
-from studio.json_types import JsonObject
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.json_types import JsonObject
 
 _LARGEST_META = 1 << 20
 _LARGEST_PART = 1 << 30

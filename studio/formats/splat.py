@@ -9,8 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.formats.checks import Note, check_count, damaged, from_arrays, log_scales, logits, opening, read_bytes
-from studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.formats.checks import (
+    Note,
+    check_count,
+    damaged,
+    from_arrays,
+    log_scales,
+    logits,
+    opening,
+    read_bytes,
+)
+from v3studio.studio.gaussians import SH_C0, Gaussians
 
 _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
 

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.formats.checks import (
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.checks import (
     MAX_SPLATS,
     Note,
     check_expansion,
@@ -33,8 +33,8 @@ from studio.formats.checks import (
     to_arrays,
     truncated,
 )
-from studio.formats.rigid_motion import turned
-from studio.gaussians import Gaussians
+from v3studio.studio.formats.rigid_motion import turned
+from v3studio.studio.gaussians import Gaussians
 
 DEFAULT_VERSION = 4  # which version is written: what other converters write by default
 

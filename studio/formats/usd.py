@@ -23,19 +23,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.audio.pcm import Pcm
-from studio.cameras import OPENGL_AXES, Camera
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.formats import USD_SUFFIXES, ignore
-from studio.formats.checks import Note, to_arrays
-from studio.formats.placing import new_file
-from studio.formats.rigid_motion import scaled, turned
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
-from studio.torch_rotations import align_axes
+from v3studio.studio.audio.pcm import Pcm
+from v3studio.studio.cameras import OPENGL_AXES, Camera
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import USD_SUFFIXES, ignore
+from v3studio.studio.formats.checks import Note, to_arrays
+from v3studio.studio.formats.placing import new_file
+from v3studio.studio.formats.rigid_motion import scaled, turned
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.torch_rotations import align_axes
 
 _SCHEMA = "ParticleField3DGaussianSplat"
 _SH = "radiance:sphericalHarmonicsCoefficients"

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import OPENGL_AXES, Camera
-from studio.errors import StudioError
-from studio.formats.usd import opened_stage, usd
+from v3studio.studio.cameras import OPENGL_AXES, Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats.usd import opened_stage, usd
 
 _MOST_FRAMES = 100_000
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # to y up

@@ -28,22 +28,22 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.bounded_files import TextError, parse_json, read_bounded
-from studio.errors import StudioError
-from studio.formats import DEFAULT_FPS
-from studio.formats.checks import damaged
-from studio.formats.placing import new_folder
-from studio.formats.rigid_motion import scaled
-from studio.gaussians import Gaussians
-from studio.json_types import JsonObject
-from studio.own_frame import frame_sentence, splats_frame
-from studio.progress import ProgressFn, no_progress
-from studio.splat_video import SplatVideo
-from studio.stream.layout import component_frames, plane_side
-from studio.stream.morton import morton_order
-from studio.stream.quantize import quantize
-from studio.stream.settings import QP_KNEE
-from studio.stream.video import PlaneEncoder, encoding
+from v3studio.studio.bounded_files import TextError, parse_json, read_bounded
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import DEFAULT_FPS
+from v3studio.studio.formats.checks import damaged
+from v3studio.studio.formats.placing import new_folder
+from v3studio.studio.formats.rigid_motion import scaled
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.own_frame import frame_sentence, splats_frame
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.stream.layout import component_frames, plane_side
+from v3studio.studio.stream.morton import morton_order
+from v3studio.studio.stream.quantize import quantize
+from v3studio.studio.stream.settings import QP_KNEE
+from v3studio.studio.stream.video import PlaneEncoder, encoding
 
 POSITIONS, NORMALS = 3, 3
 _OPACITY = -8  # its index among the attributes

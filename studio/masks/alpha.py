@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 
 _SAMPLED_CAMERAS = 4
 

@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
-from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import edge_reach, noise_of, solve_edges
-from studio.masks.despill import despill
-from studio.masks.filters import brightness, enlarged, guided_filter, keep_components, masked_mean, reduced
-from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
-from studio.masks.screen_color import Screen, find_screen
-from studio.memory_cache import MemoryCache
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.clean_plate import edge_reach, noise_of, solve_edges
+from v3studio.studio.masks.despill import despill
+from v3studio.studio.masks.filters import brightness, enlarged, guided_filter, keep_components, masked_mean, reduced
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
+from v3studio.studio.masks.screen_color import Screen, find_screen
+from v3studio.studio.memory_cache import MemoryCache
 
 SAMPLES = 5  # number of frames per camera from which the screen color is estimated
 WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.capture.settings import DifferenceSettings
-from studio.masks.colored_shadow import WINDOW, colored_shadow
-from studio.masks.filters import (
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.colored_shadow import WINDOW, colored_shadow
+from v3studio.studio.masks.filters import (
     brightness,
     color_bins,
     color_table,

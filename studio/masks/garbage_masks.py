@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.frame_sources import DecoderPool, make_sources
-from studio.capture.patterns import VIDEO_EXTENSIONS, Match
-from studio.capture.settings import CaptureSettings
-from studio.errors import StudioError
-from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons
-from studio.masks.mask_files import FileMaskSource, matching
-from studio.masks.mask_source import GarbageMasks
-from studio.storage import whole_files
+from v3studio.studio.capture.frame_sources import DecoderPool, make_sources
+from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS, Match
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons
+from v3studio.studio.masks.mask_files import FileMaskSource, matching
+from v3studio.studio.masks.mask_source import GarbageMasks
+from v3studio.studio.storage import whole_files
 
 
 def _drawn(path: Path, polygons: Mapping[str, GarbagePolygons]) -> GarbageMasks:

@@ -17,10 +17,10 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from studio.atomic_files import write_text
-from studio.bounded_files import TextError, read_bounded
-from studio.errors import StudioError, first_violation
-from studio.yaml_text import dump_yaml, parse_yaml
+from v3studio.studio.atomic_files import write_text
+from v3studio.studio.bounded_files import TextError, read_bounded
+from v3studio.studio.errors import StudioError, first_violation
+from v3studio.studio.yaml_text import dump_yaml, parse_yaml
 
 EXTENSIONS = (".yaml", ".yml", ".json")  # of files with polygons; garbage masks with other extensions are images
 _BITS = 4  # of a pixel's fraction, for OpenCV

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from studio.errors import StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
 
 _LOCK = threading.Lock()
 

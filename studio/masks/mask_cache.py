@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.atomic_files import atomic_path
+from v3studio.studio.atomic_files import atomic_path
 
 
 def cached_mask(folder: Path | None, recipe: str, image: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.detect import MASK_FOLDERS, all_beside
-from studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
-from studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_ranges
-from studio.capture.settings import CaptureSettings
-from studio.counts import cameras_listed, plural
-from studio.errors import Message, StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
-from studio.masks.mask_values import INVERTED, LOSSY, MaskValues, mask_channel, read_mask_values, values_in
-from studio.yaml_text import inline_yaml
+from v3studio.studio.capture.detect import MASK_FOLDERS, all_beside
+from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
+from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_ranges
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.counts import cameras_listed, plural
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
+from v3studio.studio.masks.mask_values import INVERTED, LOSSY, MaskValues, mask_channel, read_mask_values, values_in
+from v3studio.studio.yaml_text import inline_yaml
 
 _SAMPLED_FRAMES, _SAMPLED_CAMERAS = 3, 8
 

@@ -12,10 +12,10 @@ from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.capture.frame_sources import DecoderPool, FrameSource
-from studio.capture.settings import CaptureSettings
-from studio.errors import Message, StudioError
+from v3studio.studio.cameras import Camera
+from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.errors import Message, StudioError
 
 Item = TypeVar("Item")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.images import read_values
+from v3studio.studio.capture.images import read_values
 
 LOSSY = frozenset({".jpg", ".jpeg", ".webp"})
 """Extensions of images whose values are not exact, so that they cannot be labels."""

@@ -8,7 +8,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from studio.errors import Cancelled, StudioError
+from v3studio.studio.errors import Cancelled, StudioError
 
 
 class MaskFunction(Protocol):

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from studio.capture.digest import digest_files
-from studio.capture.settings import ModelKind
-from studio.errors import StudioError
-from studio.masks.filters import keep_components
-from studio.masks.mask_cache import cached_mask
-from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.storage import whole_files
+from v3studio.studio.capture.digest import digest_files
+from v3studio.studio.capture.settings import ModelKind
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.filters import keep_components
+from v3studio.studio.masks.mask_cache import cached_mask
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.storage import whole_files
 
 STRIDE = 32  # image sides must be multiples of this: networks downsample up to five times by 2
 _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)

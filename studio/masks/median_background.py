@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.atomic_files import atomic_path
-from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import Background, difference_evidence
-from studio.masks.filters import color_bins, color_table, guided_filter, odds_of_colors, reduced
-from studio.masks.mask_source import evenly_spaced
-from studio.memory_cache import MemoryCache
+from v3studio.studio.atomic_files import atomic_path
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.clean_plate import Background, difference_evidence
+from v3studio.studio.masks.filters import color_bins, color_table, guided_filter, odds_of_colors, reduced
+from v3studio.studio.masks.mask_source import evenly_spaced
+from v3studio.studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
 _SAMPLES = 40  # most frames that are looked at

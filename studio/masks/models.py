@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from studio.atomic_files import write_bytes
-from studio.capture.settings import ModelKind
-from studio.errors import StudioError, reason_of
+from v3studio.studio.atomic_files import write_bytes
+from v3studio.studio.capture.settings import ModelKind
+from v3studio.studio.errors import StudioError, reason_of
 
 _SECONDS = 60.0  # without any data
 

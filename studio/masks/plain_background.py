@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
-from studio.memory_cache import MemoryCache
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
+from v3studio.studio.memory_cache import MemoryCache
 
 _CAMERAS = 9  # most cameras that are looked at for the color of all
 _BORDER = 4  # width in pixels of the border in which the color is measured

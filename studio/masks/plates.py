@@ -7,16 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.capture.detect import PLATE_FOLDERS
-from studio.capture.digest import digest_files
-from studio.capture.images import read_image
-from studio.capture.patterns import VIDEO_EXTENSIONS
-from studio.capture.settings import CaptureSettings
-from studio.errors import StudioError
-from studio.masks.clean_plate import Background, difference_mask
-from studio.masks.mask_files import find_files_of
-from studio.masks.mask_source import MaskInputs, MaskSource
-from studio.masks.median_background import background_cache, cached_background, estimate_background, median_plate
+from v3studio.studio.capture.detect import PLATE_FOLDERS
+from v3studio.studio.capture.digest import digest_files
+from v3studio.studio.capture.images import read_image
+from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.clean_plate import Background, difference_mask
+from v3studio.studio.masks.mask_files import find_files_of
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.masks.median_background import (
+    background_cache,
+    cached_background,
+    estimate_background,
+    median_plate,
+)
 
 FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set for auto to choose its median
 
@@ -68,7 +73,7 @@ def shown(behind: Background) -> np.ndarray:
 
 def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
     """A clean plate: one image, or the median of several or of a video. Raises StudioError: a file cannot be read."""
-    from studio.capture.video import VideoReader
+    from v3studio.studio.capture.video import VideoReader
 
     if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
         with closing(VideoReader(paths[0], spec.color_matrix, spec.transfer)) as reader:

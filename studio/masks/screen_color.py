@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.masks.filters import reduced
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.filters import reduced
 
 _SIDE = 320  # longest side of the images in which the color is estimated
 _HUES = 72  # bins of 5 degrees

@@ -3,18 +3,18 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from studio.capture.detect import MASK_FOLDERS, folders_named
-from studio.capture.settings import MaskKind
-from studio.counts import listed
-from studio.masks.agreement.source import open_agreed
-from studio.masks.alpha import open_alpha
-from studio.masks.chroma_key import open_chroma_key
-from studio.masks.imported import open_imported
-from studio.masks.mask_files import open_files
-from studio.masks.mask_source import MaskInputs, MaskSource, MissingMaskSource, open_none
-from studio.masks.matting_model import open_model
-from studio.masks.plain_background import open_plain
-from studio.masks.plates import FEW_FRAMES, open_clean_plate, open_median_background
+from v3studio.studio.capture.detect import MASK_FOLDERS, folders_named
+from v3studio.studio.capture.settings import MaskKind
+from v3studio.studio.counts import listed
+from v3studio.studio.masks.agreement.source import open_agreed
+from v3studio.studio.masks.alpha import open_alpha
+from v3studio.studio.masks.chroma_key import open_chroma_key
+from v3studio.studio.masks.imported import open_imported
+from v3studio.studio.masks.mask_files import open_files
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, MissingMaskSource, open_none
+from v3studio.studio.masks.matting_model import open_model
+from v3studio.studio.masks.plain_background import open_plain
+from v3studio.studio.masks.plates import FEW_FRAMES, open_clean_plate, open_median_background
 
 
 @dataclass(frozen=True)

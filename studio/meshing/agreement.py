@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from studio.cameras import Rig
-from studio.meshing.silhouettes import Silhouette, votes
+from v3studio.studio.cameras import Rig
+from v3studio.studio.meshing.silhouettes import Silhouette, votes
 
 _COARSE, _FINE = 48, 96  # voxels along each side while the volume is located, and for the comparison
 _OUTVOTED = 0.15  # fraction of the cameras, besides one, that may reject a voxel of the common volume

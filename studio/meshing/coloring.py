@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studio.cameras import Camera, FootageView
-from studio.meshing.surface import MeshViews, open3d
-from studio.progress import ProgressFn, no_progress
+from v3studio.studio.cameras import Camera, FootageView
+from v3studio.studio.meshing.surface import MeshViews, open3d
+from v3studio.studio.progress import ProgressFn, no_progress
 
 
 def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:

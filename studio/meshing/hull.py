@@ -18,9 +18,9 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from studio.cameras import nearest_point_to_rays
-from studio.errors import StudioError
-from studio.meshing.silhouettes import Silhouette, votes
+from v3studio.studio.cameras import nearest_point_to_rays
+from v3studio.studio.errors import StudioError
+from v3studio.studio.meshing.silhouettes import Silhouette, votes
 
 _CHUNK = 1 << 18
 

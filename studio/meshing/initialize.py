@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.cameras import FootageView
-from studio.counts import short_repr
-from studio.errors import Message
-from studio.meshing.coloring import color_points
-from studio.meshing.settings import InitializeSettings
-from studio.meshing.surface import Mesh, MeshViews, sample_surface
-from studio.meshing.visual_hull import visual_hull
-from studio.progress import ProgressFn, no_progress, part_of
+from v3studio.studio.cameras import FootageView
+from v3studio.studio.counts import short_repr
+from v3studio.studio.errors import Message
+from v3studio.studio.meshing.coloring import color_points
+from v3studio.studio.meshing.settings import InitializeSettings
+from v3studio.studio.meshing.surface import Mesh, MeshViews, sample_surface
+from v3studio.studio.meshing.visual_hull import visual_hull
+from v3studio.studio.progress import ProgressFn, no_progress, part_of
 
 _DISAGREEMENT = 0.12
 """Disagreement above which a warning is given, if it is twice that of most cameras. Correct masks (exact masks, clean

@@ -10,8 +10,8 @@ import itertools
 import numpy as np
 import torch
 
-from studio.meshing.hull import Hull, Tick
-from studio.meshing.silhouettes import Silhouette
+from v3studio.studio.meshing.hull import Hull, Tick
+from v3studio.studio.meshing.silhouettes import Silhouette
 
 
 def _field(shapes: list[Silhouette], points: torch.Tensor, band: float) -> torch.Tensor:

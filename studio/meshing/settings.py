@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from studio.settings import Affects, Heading, Settings
+from v3studio.studio.settings import Affects, Heading, Settings
 
 
 class InitializeSettings(Settings):

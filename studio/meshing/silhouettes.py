@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from studio.cameras import Camera, FootageView
-from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
+from v3studio.studio.cameras import Camera, FootageView
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn, no_progress
 
 
 def signed_distance(mask: np.ndarray) -> np.ndarray:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.atomic_files import atomic_path
-from studio.cameras import Camera
-from studio.counts import short_repr
-from studio.errors import StudioError
-from studio.meshing.hull import Hull
+from v3studio.studio.atomic_files import atomic_path
+from v3studio.studio.cameras import Camera
+from v3studio.studio.counts import short_repr
+from v3studio.studio.errors import StudioError
+from v3studio.studio.meshing.hull import Hull
 
 _FILTERS = threading.Lock()
 

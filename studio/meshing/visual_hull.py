@@ -7,14 +7,14 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from studio.cameras import FootageView
-from studio.errors import StudioError
-from studio.meshing.hull import Bounds, Hull, Tick, carve, locate, raise_disagreement
-from studio.meshing.outlier_masks import restore
-from studio.meshing.settings import InitializeSettings
-from studio.meshing.silhouettes import Silhouette, silhouettes
-from studio.meshing.surface import Mesh, MeshViews, extract_surface, refined
-from studio.progress import ProgressFn, no_progress, part_of
+from v3studio.studio.cameras import FootageView
+from v3studio.studio.errors import StudioError
+from v3studio.studio.meshing.hull import Bounds, Hull, Tick, carve, locate, raise_disagreement
+from v3studio.studio.meshing.outlier_masks import restore
+from v3studio.studio.meshing.settings import InitializeSettings
+from v3studio.studio.meshing.silhouettes import Silhouette, silhouettes
+from v3studio.studio.meshing.surface import Mesh, MeshViews, extract_surface, refined
+from v3studio.studio.progress import ProgressFn, no_progress, part_of
 
 _COMPARE_PIXELS = 120_000
 _COARSE = 96  # voxels along the longest side while searching for bounds

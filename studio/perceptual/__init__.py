@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from studio.errors import Message, StudioError
+from v3studio.studio.errors import Message, StudioError
 
 SMALLEST = 32  # minimum width and height of an image in pixels; below it, the last layers of AlexNet have no output
 

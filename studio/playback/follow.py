@@ -4,8 +4,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from studio.errors import StudioError
-from studio.stream import SourceUnavailable, StreamReader
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import SourceUnavailable, StreamReader
 
 SHORTEST, LONGEST = 0.5, 5.0  # seconds between two reads; in between, about the duration of a group
 

@@ -9,12 +9,12 @@ from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from studio.errors import StudioError
-from studio.playback.follow import following
-from studio.playback.rate_rule import RateRule
-from studio.playback.statistics import FrameStats, PlaybackReport
-from studio.playback.stream_frames import LeftOut, PlayedFrame, StreamFrames, nothing_playable
-from studio.stream import Source, StreamReader
+from v3studio.studio.errors import StudioError
+from v3studio.studio.playback.follow import following
+from v3studio.studio.playback.rate_rule import RateRule
+from v3studio.studio.playback.statistics import FrameStats, PlaybackReport
+from v3studio.studio.playback.stream_frames import LeftOut, PlayedFrame, StreamFrames, nothing_playable
+from v3studio.studio.stream import Source, StreamReader
 
 STARVED_AFTER = 0.5
 """Time in seconds after which a fetch is considered slow: playback then waits for it instead of dropping its frames."""

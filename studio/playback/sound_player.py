@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.audio import Pcm
-from studio.errors import StudioError
+from v3studio.studio.audio import Pcm
+from v3studio.studio.errors import StudioError
 
 FillFn = Callable[[np.ndarray, float], None]
 """Fills a block, (n, channels) float32, that will be heard from the given time on (seconds of `SoundDevice.now`)."""

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
-from studio.errors import Message
-from studio.json_types import JsonObject
+from v3studio.studio.errors import Message
+from v3studio.studio.json_types import JsonObject
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.memory_cache import MemoryCache
-from studio.playback.rate_rule import RateRule
-from studio.playback.statistics import FrameStats, SkippedGroup
-from studio.stream import DecodedFrame, GroupDecoder, Rendition, SourceUnavailable, StreamReader
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.playback.rate_rule import RateRule
+from v3studio.studio.playback.statistics import FrameStats, SkippedGroup
+from v3studio.studio.stream import DecodedFrame, GroupDecoder, Rendition, SourceUnavailable, StreamReader
 
 AHEAD = 4  # frames that are decoded after the wanted one
 RETRY_SECONDS = 10.0  # seconds before a damaged group is tried again: it may have been fixed or uploaded

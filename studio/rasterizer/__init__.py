@@ -6,9 +6,15 @@ tested against the same definition.
 - `triton`: Triton kernels for NVIDIA GPUs (`triton_backend.py`).
 """
 
-from studio.rasterizer.cpu import set_kernel_threads
-from studio.rasterizer.interface import available_backends, check_finite, preferred_device, rasterize, rasterize_views
-from studio.rasterizer.types import Render
+from v3studio.studio.rasterizer.cpu import set_kernel_threads
+from v3studio.studio.rasterizer.interface import (
+    available_backends,
+    check_finite,
+    preferred_device,
+    rasterize,
+    rasterize_views,
+)
+from v3studio.studio.rasterizer.types import Render
 
 __all__ = [
     "Render",

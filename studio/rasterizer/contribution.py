@@ -6,9 +6,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.gaussians import SH_C0, Gaussians
-from studio.rasterizer.interface import rasterize
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.rasterizer.interface import rasterize
 
 
 @torch.enable_grad()  # type: ignore[untyped-decorator]

@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits
 
 KERNEL_INTERFACE = 4
 """Number of the functions and arguments of the kernels that this code calls; as `interface` in `csrc/module.cpp`."""
@@ -23,7 +23,7 @@ KERNEL_INTERFACE = 4
 def load_kernels() -> Any:
     """The compiled module `studio.rasterizer._kernels`."""
     try:
-        kernels = importlib.import_module("studio.rasterizer._kernels")
+        kernels = importlib.import_module("v3studio.studio.rasterizer._kernels")
         if getattr(kernels, "interface", 1) != KERNEL_INTERFACE:
             raise ImportError(f"{kernels.__file__} was built from other sources")
         return kernels

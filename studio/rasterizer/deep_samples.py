@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer.interface import rasterize
-from studio.rasterizer.types import Render
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.interface import rasterize
+from v3studio.studio.rasterizer.types import Render
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.rasterizer.reference import rasterize_reference
-from studio.rasterizer.types import Render, check_pinhole
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.reference import rasterize_reference
+from v3studio.studio.rasterizer.types import Render, check_pinhole
 
 BACKENDS = ("reference", "cpu", "triton")
 _DTYPES = {"cpu": (torch.float32, torch.float64), "triton": (torch.float32,)}
@@ -22,7 +22,7 @@ _DTYPES = {"cpu": (torch.float32, torch.float64), "triton": (torch.float32,)}
 def _unavailable(backend: str) -> tuple[str, str] | None:
     """None if the backend can be used on this machine, else (problem, fix)."""
     if backend == "cpu":
-        if importlib.util.find_spec("studio.rasterizer._kernels") is None:
+        if importlib.util.find_spec("v3studio.studio.rasterizer._kernels") is None:
             return (
                 "the CPU kernels are not built",
                 "Install the package (`pip install --no-deps -e .`), or use backend='reference'",
@@ -176,14 +176,14 @@ def rasterize_views(
         raise StudioError("rasterizer.dtype", problem, value=str(means.dtype), fix=fix)
     if backend == "triton":
         try:
-            from studio.rasterizer.triton_backend import rasterize_triton
+            from v3studio.studio.rasterizer.triton_backend import rasterize_triton
         except ImportError as error:
             fix = "Reinstall a CUDA build of PyTorch for Linux, which installs it, or use backend='cpu'"
             raise StudioError("rasterizer.triton_missing", f"Triton cannot be imported ({error})", fix=fix) from error
         return rasterize_triton(gaussians, cameras, behind, screen_offsets)
     both = zip(cameras, behind, strict=True)
     if backend == "cpu":
-        from studio.rasterizer.cpu import rasterize_cpu
+        from v3studio.studio.rasterizer.cpu import rasterize_cpu
 
         return [rasterize_cpu(gaussians, *one, screen_offsets) for one in both]
     return [rasterize_reference(gaussians, *one, screen_offsets) for one in both]

@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from studio.rasterizer.cpu import load_kernels
-from studio.rasterizer.interface import available_backends
+from v3studio.studio.rasterizer.cpu import load_kernels
+from v3studio.studio.rasterizer.interface import available_backends
 
 _enabled = True
 

@@ -9,11 +9,19 @@ Splats of equal depth are blended in their order in the tensors.
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer.spherical_harmonics import sh_colors
-from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, NEAR, TRANSMITTANCE_MIN, Render, field_limits, mean_depth
-from studio.torch_rotations import quats_to_matrices
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.spherical_harmonics import sh_colors
+from v3studio.studio.rasterizer.types import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    NEAR,
+    TRANSMITTANCE_MIN,
+    Render,
+    field_limits,
+    mean_depth,
+)
+from v3studio.studio.torch_rotations import quats_to_matrices
 
 TILE = 16  # Tile size in pixels. It only affects memory use
 

@@ -22,10 +22,10 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer import triton_kernels as kernels
-from studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits, mean_depth
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import triton_kernels as kernels
+from v3studio.studio.rasterizer.types import ALPHA_MAX, NEAR, Render, field_limits, mean_depth
 
 FORWARD_WARPS, BACKWARD_WARPS, PROJECT_WARPS = 4, 1, 4
 """Warps per program. One for the gradient of a tile: its ten sums per splat then need no synchronization of warps."""

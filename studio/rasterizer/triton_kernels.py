@@ -20,7 +20,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN
+from v3studio.studio.rasterizer.types import ALPHA_MIN, TRANSMITTANCE_MIN
 
 TILE = 16  # tile size, pixels
 COLUMNS = 10  # columns of the table of splats

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.counts import short_repr
-from studio.errors import StudioError
+from v3studio.studio.cameras import Camera
+from v3studio.studio.counts import short_repr
+from v3studio.studio.errors import StudioError
 
 ALPHA_MIN = 1.0 / 255.0  # A splat does not contribute to a pixel where its alpha is below this value (3DGS)
 

@@ -3,9 +3,9 @@
 Nothing here imports fsspec until an address such as s3://bucket/folder is opened.
 """
 
-from studio.storage.address import StoreAddress, is_address
-from studio.storage.mirror import mirrored
-from studio.storage.objects import CachedObject, cached_object, whole_files
-from studio.storage.store import Store
+from v3studio.studio.storage.address import StoreAddress, is_address
+from v3studio.studio.storage.mirror import mirrored
+from v3studio.studio.storage.objects import CachedObject, cached_object, whole_files
+from v3studio.studio.storage.store import Store
 
 __all__ = ["CachedObject", "Store", "StoreAddress", "cached_object", "is_address", "mirrored", "whole_files"]

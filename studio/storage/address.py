@@ -3,7 +3,7 @@
 import re
 from pathlib import Path, PosixPath
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs", "abfs": "adlfs", "abfss": "adlfs"}
 """Kinds of addresses, and the package that reads them."""

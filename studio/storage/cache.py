@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 DEFAULT_GIGABYTES = 100.0  # of the cache, unless V3STUDIO_CACHE_GIGABYTES says otherwise
 _KEEP = 0.9  # share of the limit that is left when something had to go

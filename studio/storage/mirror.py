@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
-from studio.atomic_files import write_bytes
-from studio.errors import StudioError, show_as
-from studio.storage.cache import cache_folder, cache_limit, disk_cache, locked
-from studio.storage.objects import Pointer, pointer_bytes, read_pointer
-from studio.storage.store import Entry, Store
+from v3studio.studio.atomic_files import write_bytes
+from v3studio.studio.errors import StudioError, show_as
+from v3studio.studio.storage.cache import cache_folder, cache_limit, disk_cache, locked
+from v3studio.studio.storage.objects import Pointer, pointer_bytes, read_pointer
+from v3studio.studio.storage.store import Entry, Store
 
 _SMALL = frozenset({".json", ".yml", ".yaml", ".xml", ".txt", ".toml", ".npy", ".csv", ".cfg", ".ini", ".bin"})
 """Files that describe a capture, such as calibrations, which many programs read: they are fetched at once."""

@@ -21,10 +21,10 @@ from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 
-from studio.atomic_files import atomic_path
-from studio.errors import StudioError, show_as
-from studio.storage.cache import disk_cache
-from studio.storage.store import Store
+from v3studio.studio.atomic_files import atomic_path
+from v3studio.studio.errors import StudioError, show_as
+from v3studio.studio.storage.cache import disk_cache
+from v3studio.studio.storage.store import Store
 
 BLOCK = 1 << 20  # bytes that are fetched at once at least: a few frames of a video
 _MOST_AHEAD = 8  # blocks that are fetched at once at most while a file is read from front to back

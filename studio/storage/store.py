@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from studio.errors import StudioError, reason_of
-from studio.storage.address import PACKAGES, checked
+from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.storage.address import PACKAGES, checked
 
 ATTEMPTS = 4
 """How often a request is made before it counts as failed. fsspec's file systems repeat some requests themselves."""

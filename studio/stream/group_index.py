@@ -5,11 +5,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from itertools import accumulate
 
-from studio.errors import StudioError
-from studio.memory_cache import MemoryCache
-from studio.stream.manifest import FileEntry, GroupEntry, Manifest, PageEntry
-from studio.stream.manifest_file import parse_page
-from studio.stream.sources.source import Source
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.stream.manifest import FileEntry, GroupEntry, Manifest, PageEntry
+from v3studio.studio.stream.manifest_file import parse_page
+from v3studio.studio.stream.sources.source import Source
 
 _KEPT_PAGES = 16
 

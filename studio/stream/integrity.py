@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.manifest_file import check_total
-from studio.stream.reader import StreamReader, fetch_files
-from studio.stream.sources.source import SourceUnavailable
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream.manifest import MANIFEST_NAME
+from v3studio.studio.stream.manifest_file import check_total
+from v3studio.studio.stream.reader import StreamReader, fetch_files
+from v3studio.studio.stream.sources.source import SourceUnavailable
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import torch
 
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows
 
 _SHORTEST_QUAT = 1e-6
 

@@ -27,13 +27,13 @@ from pydantic import (
     model_validator,
 )
 
-from studio.counts import counted, short_repr
-from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from studio.errors import StudioError, violation
-from studio.json_types import JsonObject
-from studio.stream.attributes import MAX_VALUE, VERSION, channels, components, value_bounds
-from studio.stream.codecs import CODECS, CodecName
-from studio.stream.layout import plane_side, tile_side
+from v3studio.studio.counts import counted, short_repr
+from v3studio.studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
+from v3studio.studio.errors import StudioError, violation
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.stream.attributes import MAX_VALUE, VERSION, channels, components, value_bounds
+from v3studio.studio.stream.codecs import CODECS, CodecName
+from v3studio.studio.stream.layout import plane_side, tile_side
 
 FORMAT: Final = "v3studio-stream"
 PAGE_FORMAT: Final = "v3studio-stream-page"

@@ -6,11 +6,11 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from studio.bounded_files import Bounds, TextError, parse_json
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.stream.attributes import NAMES, VERSION
-from studio.stream.manifest import (
+from v3studio.studio.bounded_files import Bounds, TextError, parse_json
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.stream.attributes import NAMES, VERSION
+from v3studio.studio.stream.manifest import (
     FORMAT,
     MAX_MANIFEST_BYTES,
     GroupEntry,
@@ -20,7 +20,7 @@ from studio.stream.manifest import (
     PageEntry,
     invalid,
 )
-from studio.stream.sources.source import BAKE_AGAIN, damaged
+from v3studio.studio.stream.sources.source import BAKE_AGAIN, damaged
 
 _BOUNDS = Bounds(size=MAX_MANIFEST_BYTES, values=2_000_000)
 """About 300 MB of memory; far more than groups in the manifest itself need, since most are in pages."""

@@ -10,10 +10,10 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.coverage import ViewRange
-from studio.json_types import JsonObject
-from studio.similarity import Similarity
+from v3studio.studio.cameras import Camera
+from v3studio.studio.coverage import ViewRange
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.similarity import Similarity
 
 Triple = tuple[float, float, float]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.rotations import mrp_to_quats
-from studio.stream.attributes import MAX_VALUE, value_bounds
-from studio.stream.manifest import BlockTable, ChannelEntry, Lattice, MotionRendition
-from studio.stream.morton import deinterleave
-from studio.stream.motion_blocks import Blocks
-from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
+from v3studio.studio.rotations import mrp_to_quats
+from v3studio.studio.stream.attributes import MAX_VALUE, value_bounds
+from v3studio.studio.stream.manifest import BlockTable, ChannelEntry, Lattice, MotionRendition
+from v3studio.studio.stream.morton import deinterleave
+from v3studio.studio.stream.motion_blocks import Blocks
+from v3studio.studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
 
 MAX_CLASS = 15  # largest class, which has four bits; the step of residuals doubles with each class
 MAX_BITS = 16  # largest number of bits per axis of the keyframe's means

@@ -5,12 +5,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from studio.gaussians import Gaussians
-from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for
-from studio.stream.attributes import BY_NAME
-from studio.stream.layout import plane_side
-from studio.stream.quantize import LEVELS_8
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.cpu import kernel_threads
+from v3studio.studio.rasterizer.kernels import kernels_for
+from v3studio.studio.stream.attributes import BY_NAME
+from v3studio.studio.stream.layout import plane_side
+from v3studio.studio.stream.quantize import LEVELS_8
 
 _MIN_STEP = 1e-3
 

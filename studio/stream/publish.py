@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from studio.atomic_files import remove_leftovers, write_bytes
-from studio.errors import StudioError, reason_of
-from studio.progress import ProgressFn, no_progress
-from studio.storage import Store
-from studio.stream.manifest import FILES, MANIFEST_NAME, FileEntry
-from studio.stream.reader import StreamReader
+from v3studio.studio.atomic_files import remove_leftovers, write_bytes
+from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.storage import Store
+from v3studio.studio.stream.manifest import FILES, MANIFEST_NAME, FileEntry
+from v3studio.studio.stream.reader import StreamReader
 
 IMMUTABLE = "public, max-age=31536000, immutable"  # Cache-Control of files that are named by their content
 REVALIDATED = "no-cache"  # Cache-Control of the manifest

@@ -10,22 +10,22 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.memory_cache import OnDemand
-from studio.stream.decoders import GroupDecoder, open_decoder
-from studio.stream.group_index import GroupIndex
-from studio.stream.manifest import (
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.memory_cache import OnDemand
+from v3studio.studio.stream.decoders import GroupDecoder, open_decoder
+from v3studio.studio.stream.group_index import GroupIndex
+from v3studio.studio.stream.manifest import (
     MANIFEST_NAME,
     MAX_MANIFEST_BYTES,
     FileEntry,
     Manifest,
     Rendition,
 )
-from studio.stream.manifest_file import check_growth, parse_manifest
-from studio.stream.sound import StreamSound
-from studio.stream.sources.open_source import open_source
-from studio.stream.sources.source import Source, SourceUnavailable, damaged
+from v3studio.studio.stream.manifest_file import check_growth, parse_manifest
+from v3studio.studio.stream.sound import StreamSound
+from v3studio.studio.stream.sources.open_source import open_source
+from v3studio.studio.stream.sources.source import Source, SourceUnavailable, damaged
 
 
 def fetch_files(source: Source, files: Sequence[FileEntry]) -> dict[str, bytes]:

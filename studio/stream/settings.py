@@ -7,10 +7,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from studio.json_types import JsonObject
-from studio.settings import Affects, Conflict, Empty, Heading, Settings, Unbounded
-from studio.stream.attributes import Attribute, QpAttribute
-from studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.settings import Affects, Conflict, Empty, Heading, Settings, Unbounded
+from v3studio.studio.stream.attributes import Attribute, QpAttribute
+from v3studio.studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
 
 QP_KNEE = 22  # above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")
 

@@ -7,7 +7,7 @@ an almost round splat turns, which no image shows.
 
 import numpy as np
 
-from studio.rotations import quat_multiply, quats_to_matrices
+from v3studio.studio.rotations import quat_multiply, quats_to_matrices
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Rows and columns of the six numbers of M, in the order of the channels."""

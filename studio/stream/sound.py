@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.stream.manifest import AudioEntry
-from studio.stream.sources.source import damaged
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.manifest import AudioEntry
+from v3studio.studio.stream.sources.source import damaged
 
 _FRAME = 1024  # samples of an AAC-LC frame
 _PREROLL = 4 * _FRAME  # the first frame after seeking lacks its overlap

@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from studio.cameras import Camera, look_at_pose
-from studio.gaussians import Gaussians
+from v3studio.studio.cameras import Camera, look_at_pose
+from v3studio.studio.gaussians import Gaussians
 
 MARGIN = 1.08  # how much larger than the scene's box the image is
 

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.process import kept_scheduling
-from studio.stream.codecs import CODECS, PLANE_CODEC
-from studio.stream.sources.source import damaged
+from v3studio.studio.errors import StudioError
+from v3studio.studio.process import kept_scheduling
+from v3studio.studio.stream.codecs import CODECS, PLANE_CODEC
+from v3studio.studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
     import av

@@ -3,9 +3,9 @@
 import zipfile
 from pathlib import Path
 
-from studio.progress import ProgressFn, no_progress
-from studio.stream.manifest import MANIFEST_NAME
-from studio.stream.reader import StreamReader
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream.manifest import MANIFEST_NAME
+from v3studio.studio.stream.reader import StreamReader
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # equal streams give equal archives
 

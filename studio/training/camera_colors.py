@@ -14,15 +14,15 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from studio.color_fit import fit_color, neutral
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.rasterizer import rasterize
-from studio.training.keyframe import initial_gaussians, scene_extent
-from studio.training.settings import TrainSettings
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper, regularized
-from studio.training.views import TrainingView, interior
+from v3studio.studio.color_fit import fit_color, neutral
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.training.keyframe import initial_gaussians, scene_extent
+from v3studio.studio.training.settings import TrainSettings
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import Stepper, regularized
+from v3studio.studio.training.views import TrainingView, interior
 
 RIDGE = 1e-3  # weight of the squared difference from neutral against the mean squared error of colors in 0 to 1
 STEPS = 600  # training steps to whose splats the matrices are fitted

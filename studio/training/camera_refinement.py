@@ -19,20 +19,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.rasterizer import rasterize
-from studio.rotations import quats_to_matrices
-from studio.similarity import Similarity
-from studio.torch_rotations import quat_multiply, rotate_vectors
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.interframe import rate_factor
-from studio.training.keyframe import initial_gaussians, scene_extent
-from studio.training.settings import TrainSettings
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper, regularized
-from studio.training.views import TrainingView
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.rotations import quats_to_matrices
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.torch_rotations import quat_multiply, rotate_vectors
+from v3studio.studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.interframe import rate_factor
+from v3studio.studio.training.keyframe import initial_gaussians, scene_extent
+from v3studio.studio.training.settings import TrainSettings
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import Stepper, regularized
+from v3studio.studio.training.views import TrainingView
 
 WORTH = 0.1  # gain in dB from which on refined cameras are used
 _VISITS = 75  # steps per camera in which cameras are refined; a third as many with fixed cameras come before

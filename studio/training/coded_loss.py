@@ -18,10 +18,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for, uses_triton
-from studio.training.known_gradients import with_gradients
-from studio.training.noise import uniform
+from v3studio.studio.rasterizer.cpu import kernel_threads
+from v3studio.studio.rasterizer.kernels import kernels_for, uses_triton
+from v3studio.studio.training.known_gradients import with_gradients
+from v3studio.studio.training.noise import uniform
 
 _LEAST = 1e-30  # below any P that occurs, relative to the density at the nearer end
 
@@ -126,7 +126,7 @@ class CodedLoss(nn.Module):
         if kernels is not None:
             return _fused(kernels, self, now, seed)
         if uses_triton(now):
-            from studio.training.triton.coded import coded_loss_triton
+            from v3studio.studio.training.triton.coded import coded_loss_triton
 
             return coded_loss_triton(self, now, seed)
         return self.forward_torch(now, seed)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 
-from studio.gaussians import Gaussians
-from studio.rasterizer.contribution import contribution
-from studio.torch_rotations import rotate_vectors
-from studio.training.details import detail_weights
-from studio.training.settings import TrainSettings
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.contribution import contribution
+from v3studio.studio.torch_rotations import rotate_vectors
+from v3studio.studio.training.details import detail_weights
+from v3studio.studio.training.settings import TrainSettings
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import Stepper
 
 _VIEWS = 10  # views that decide on each densification, as in FastGS
 _MIN_OPACITY = 0.005

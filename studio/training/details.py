@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.training.photometric import photometric_loss
+from v3studio.studio.cameras import Camera
+from v3studio.studio.training.photometric import photometric_loss
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ import math
 import torch
 from torch import Tensor
 
-from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for
-from studio.training.known_gradients import with_gradients
-from studio.training.noise import random_bits
+from v3studio.studio.rasterizer.cpu import kernel_threads
+from v3studio.studio.rasterizer.kernels import kernels_for
+from v3studio.studio.training.known_gradients import with_gradients
+from v3studio.studio.training.noise import random_bits
 
 DROPPED_LOGIT = -30.0  # logit of a dropped splat: far below the opacity from which the rasterizer draws a splat, 1/255
 _LEAST_OPACITY, _MOST_OPACITY = 1e-6, 0.995

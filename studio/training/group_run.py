@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 import torch
 from torch import Tensor
 
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn
-from studio.training import settings as constants
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.interframe import rate_factor
-from studio.training.step import Checkpoint, CheckpointFn, Stepper, part_of
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.training import settings as constants
+from v3studio.studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.interframe import rate_factor
+from v3studio.studio.training.step import Checkpoint, CheckpointFn, Stepper, part_of
 
 Leaves = dict[str, Tensor]  # what is trained, by name
 

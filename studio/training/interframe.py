@@ -6,20 +6,20 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.stream.planes_coding import PlanesCoding
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.coded_loss import CodedLoss
-from studio.training.hashgrid import HashGrid
-from studio.training.keyframe import scene_extent
-from studio.training.motion import MotionField, predicted_means
-from studio.training.noise import draw_seed
-from studio.training.refine import Refinement
-from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import FIGURES_EVERY, SNAPSHOT_EVERY, SnapshotFn, Stepper
-from studio.training.views import TrainingView
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream.planes_coding import PlanesCoding
+from v3studio.studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.coded_loss import CodedLoss
+from v3studio.studio.training.hashgrid import HashGrid
+from v3studio.studio.training.keyframe import scene_extent
+from v3studio.studio.training.motion import MotionField, predicted_means
+from v3studio.studio.training.noise import draw_seed
+from v3studio.studio.training.refine import Refinement
+from v3studio.studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import FIGURES_EVERY, SNAPSHOT_EVERY, SnapshotFn, Stepper
+from v3studio.studio.training.views import TrainingView
 
 _ENTROPY_RATE = 0.01
 _BOX_QUANTILE = 1e-3

@@ -12,19 +12,19 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.rasterizer.contribution import contribution
-from studio.training.details import detail_weights
-from studio.training.group_run import Leaves, train_group
-from studio.training.interframe import performer_box
-from studio.training.keyframe import scene_extent
-from studio.training.refine import Refinement
-from studio.training.settings import MEANS_FINETUNE_RATE, LearningRates, TrainSettings
-from studio.training.splat_optimizer import joined_sh
-from studio.training.step import Checkpoint, CheckpointFn, Stepper
-from studio.training.unseen import settled_colors
-from studio.training.views import TrainingView
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.rasterizer.contribution import contribution
+from v3studio.studio.training.details import detail_weights
+from v3studio.studio.training.group_run import Leaves, train_group
+from v3studio.studio.training.interframe import performer_box
+from v3studio.studio.training.keyframe import scene_extent
+from v3studio.studio.training.refine import Refinement
+from v3studio.studio.training.settings import MEANS_FINETUNE_RATE, LearningRates, TrainSettings
+from v3studio.studio.training.splat_optimizer import joined_sh
+from v3studio.studio.training.step import Checkpoint, CheckpointFn, Stepper
+from v3studio.studio.training.unseen import settled_colors
+from v3studio.studio.training.views import TrainingView
 
 _SMOOTHNESS = 0.1  # weight of the mean acceleration of positions (L1), relative to the performer's size
 _SHARED = 8  # frames in a row that share scales, opacities and colors, about

@@ -6,20 +6,28 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.dilation import DILATION
-from studio.errors import StudioError
-from studio.gaussians import SH_C0, Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.rasterizer.contribution import contribution
-from studio.training import settings as constants
-from studio.training.densify import control_density
-from studio.training.details import detail_weights
-from studio.training.pruning import prune_rounds, pruned_in_round
-from studio.training.refine import Refinement
-from studio.training.settings import TrainSettings
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import SNAPSHOT_EVERY, Checkpoint, CheckpointFn, SnapshotFn, Stepper, part_of, regularized
-from studio.training.views import TrainingView
+from v3studio.studio.dilation import DILATION
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.rasterizer.contribution import contribution
+from v3studio.studio.training import settings as constants
+from v3studio.studio.training.densify import control_density
+from v3studio.studio.training.details import detail_weights
+from v3studio.studio.training.pruning import prune_rounds, pruned_in_round
+from v3studio.studio.training.refine import Refinement
+from v3studio.studio.training.settings import TrainSettings
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import (
+    SNAPSHOT_EVERY,
+    Checkpoint,
+    CheckpointFn,
+    SnapshotFn,
+    Stepper,
+    part_of,
+    regularized,
+)
+from v3studio.studio.training.views import TrainingView
 
 _FIRST_OPACITY = 0.1
 

@@ -5,12 +5,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from studio.gaussians import Gaussians
-from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for, uses_triton
-from studio.rasterizer.types import ALPHA_MIN
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.hashgrid import Corners, HashGrid
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.cpu import kernel_threads
+from v3studio.studio.rasterizer.kernels import kernels_for, uses_triton
+from v3studio.studio.rasterizer.types import ALPHA_MIN
+from v3studio.studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.hashgrid import Corners, HashGrid
 
 _BOX_PADDING = 0.05  # padding of the bounding box, as a fraction of its longest side
 _NEIGHBORS = 24  # neighbors over which velocities are smoothed (docs/measurements/training.md)
@@ -123,7 +123,7 @@ class MotionField(nn.Module):
         if kernels is not None:
             return _Fused.apply(kernels, corners, float(self.side), table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
         if uses_triton(table):
-            from studio.training.triton.field import motion_field_triton
+            from v3studio.studio.training.triton.field import motion_field_triton
 
             return motion_field_triton(corners, self.side, table, parameters)
         return self.forward_torch(corners)

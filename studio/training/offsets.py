@@ -14,17 +14,17 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn, no_progress
-from studio.torch_rotations import quat_multiply
-from studio.training.group_run import Leaves, train_group
-from studio.training.interframe import performer_box
-from studio.training.keyframe import scene_extent
-from studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
-from studio.training.splat_optimizer import joined_sh
-from studio.training.step import Checkpoint, CheckpointFn, Stepper, regularized
-from studio.training.views import TrainingView
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.torch_rotations import quat_multiply
+from v3studio.studio.training.group_run import Leaves, train_group
+from v3studio.studio.training.interframe import performer_box
+from v3studio.studio.training.keyframe import scene_extent
+from v3studio.studio.training.settings import MEANS_FINETUNE_RATE, TrainSettings
+from v3studio.studio.training.splat_optimizer import joined_sh
+from v3studio.studio.training.step import Checkpoint, CheckpointFn, Stepper, regularized
+from v3studio.studio.training.views import TrainingView
 
 
 @dataclass(frozen=True)

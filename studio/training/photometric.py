@@ -6,11 +6,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from studio.errors import StudioError
-from studio.metrics import check_image_pair, ssim
-from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for, uses_triton
-from studio.training.known_gradients import with_gradients
+from v3studio.studio.errors import StudioError
+from v3studio.studio.metrics import check_image_pair, ssim
+from v3studio.studio.rasterizer.cpu import kernel_threads
+from v3studio.studio.rasterizer.kernels import kernels_for, uses_triton
+from v3studio.studio.training.known_gradients import with_gradients
 
 
 def _fused(kernels: Any, image: Tensor, target: Tensor, weight: float) -> Tensor:
@@ -46,7 +46,7 @@ def photometric_loss(image: Tensor, target: Tensor, dssim_weight: float = 0.2) -
     if kernels is not None and image.dtype == torch.float32:
         return _fused(kernels, image, target, float(dssim_weight))
     if image.device == target.device and uses_triton(image) and uses_triton(target):
-        from studio.training.triton.loss import photometric_loss_triton
+        from v3studio.studio.training.triton.loss import photometric_loss_triton
 
         return photometric_loss_triton(image, target, float(dssim_weight))
     return photometric_loss_torch(image, target, dssim_weight)

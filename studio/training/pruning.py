@@ -1,6 +1,6 @@
 """How many splats of a keyframe are pruned, and in how many rounds."""
 
-from studio.training.settings import TrainSettings
+from v3studio.studio.training.settings import TrainSettings
 
 
 def prune_rounds(settings: TrainSettings, splats: int) -> int:

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from studio.chroma import Siting, resampled
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from studio.training.settings import TrainSettings
-from studio.training.step import Stepper, part_of
-from studio.training.views import TrainingView
+from v3studio.studio.chroma import Siting, resampled
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.training.settings import TrainSettings
+from v3studio.studio.training.step import Stepper, part_of
+from v3studio.studio.training.views import TrainingView
 
 CONTRAST = 2.0
 """Slope of `sharpened`: splats render an outline about twice as soft as a camera does."""

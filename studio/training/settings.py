@@ -4,8 +4,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
 
-from studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from studio.settings import Affects, Conflict, Empty, Heading, Settings
+from v3studio.studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
+from v3studio.studio.settings import Affects, Conflict, Empty, Heading, Settings
 
 GROUP_SIZE = 30
 """Frames per group at most. The paper has 20."""

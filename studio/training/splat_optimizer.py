@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from studio.gaussians import Gaussians
-from studio.training.adam import Adam, ParameterGroup
-from studio.training.settings import MEANS_FINAL_RATE, LearningRates
-from studio.training.step import part_of
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.settings import MEANS_FINAL_RATE, LearningRates
+from v3studio.studio.training.step import part_of
 
 
 class SplatOptimizer:

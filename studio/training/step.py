@@ -7,17 +7,17 @@ from itertools import zip_longest
 import torch
 from torch import Tensor
 
-from studio.chroma import resampled
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.metrics import psnr
-from studio.rasterizer import Render, rasterize, rasterize_views
-from studio.training.details import detail_loss
-from studio.training.dropout import drop_splats
-from studio.training.noise import draw_seed
-from studio.training.photometric import photometric_loss
-from studio.training.settings import TrainSettings
-from studio.training.views import TrainingView, backgrounds
+from v3studio.studio.chroma import resampled
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.metrics import psnr
+from v3studio.studio.rasterizer import Render, rasterize, rasterize_views
+from v3studio.studio.training.details import detail_loss
+from v3studio.studio.training.dropout import drop_splats
+from v3studio.studio.training.noise import draw_seed
+from v3studio.studio.training.photometric import photometric_loss
+from v3studio.studio.training.settings import TrainSettings
+from v3studio.studio.training.views import TrainingView, backgrounds
 
 SNAPSHOT_EVERY = 500  # steps from one snapshot to the next
 FIGURES_EVERY = 20  # steps from one report of loss and PSNR to the next

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer.contribution import contribution
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.contribution import contribution
 
 _ENOUGH = 0.1  # cameras that see a splat, see `cameras_that_see`, for half of its color to be its own
 _NEIGHBORS, _ROUNDS = 12, 40

@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera, FootageView
-from studio.chroma import ChromaSampling
-from studio.color_fit import correct_color
-from studio.errors import StudioError
-from studio.rasterizer.cpu import kernel_threads
-from studio.rasterizer.kernels import kernels_for
-from studio.training.details import Detail, DetailBox, detail_boxes
+from v3studio.studio.cameras import Camera, FootageView
+from v3studio.studio.chroma import ChromaSampling
+from v3studio.studio.color_fit import correct_color
+from v3studio.studio.errors import StudioError
+from v3studio.studio.rasterizer.cpu import kernel_threads
+from v3studio.studio.rasterizer.kernels import kernels_for
+from v3studio.studio.training.details import Detail, DetailBox, detail_boxes
 
 CACHED_PIXELS = 400_000
 """Views of up to this many pixels also cache floats, which saves 1.4 of 23 ms per step and takes 32 bytes a pixel."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from studio.rasterizer import set_kernel_threads
+from v3studio.studio.rasterizer import set_kernel_threads
 
 ROOT = Path(__file__).parents[2]
 

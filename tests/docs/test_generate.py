@@ -6,7 +6,7 @@ from types import ModuleType
 
 import pytest
 
-from pipelines.config import Config
+from v3studio.pipelines.config import Config
 
 ROOT = Path(__file__).parents[2]
 Load = Callable[[str], ModuleType]

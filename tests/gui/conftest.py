@@ -16,24 +16,24 @@ import pytest
 import torch
 from PIL import Image, ImageGrab
 
-from gui.actions.commands import MENUS
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import load
-from gui.models.stage_rows import TITLES
-from gui.models.take.workspace import Workspace
-from gui.models.worker import close_all
-from gui.pages.stage_views import StageViews
-from gui.widgets.raycast import RaycastMesh
-from pipelines.config import load_config
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.take import Take
-from studio.gaussians import SH_C0, Gaussians
-from studio.stream import BakeSettings, bake_group, write_manifest
 from tests.support.shared import made_once
 from tests.support.tiny_capture import write_project
 from tests.support.waiting import POLL, HandClock, wait_until
 from tests.support.warm_python import warm_python
 from tests.support.x_server import x_server
+from v3studio.gui.actions.commands import MENUS
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.models.worker import close_all
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.raycast import RaycastMesh
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.stream import BakeSettings, bake_group, write_manifest
 
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
 """Screenshots of tests that failed; ignored by git."""
@@ -167,7 +167,7 @@ class RunningWindow:
         display: str,
         log: Path,
         *arguments: str,
-        program: tuple[str, ...] = ("-m", "gui.app"),
+        program: tuple[str, ...] = ("-m", "v3studio.gui.app"),
         plays: bool = False,
     ) -> None:
         self.log = log

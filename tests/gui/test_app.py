@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from gui.app import MOST_FAILURES, run_ticks
+from v3studio.gui.app import MOST_FAILURES, run_ticks
 
 
 class Ticks:

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.palette import FAIR
-from pipelines.config import load_config
-from pipelines.takes.edits import read_edits
-from studio.calibration import read_tie_points
-from studio.capture import CaptureSettings
-from studio.edits import EditList
 from tests.gui.conftest import RunningWindow, State, Until
 from tests.support.waiting import wait_until
+from v3studio.gui.drawing.palette import FAIR
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.studio.calibration import read_tie_points
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.edits import EditList
 
 
 def press(window: RunningWindow, camera: str, button: int, until: Until) -> State:

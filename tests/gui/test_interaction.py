@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.palette import PANEL
 from tests.gui.conftest import CLICK, RunningWindow
 from tests.support.waiting import wait_until
+from v3studio.gui.drawing.palette import PANEL
 
 
 def test_input_that_is_faster_than_the_window(open_window: Callable[..., RunningWindow], take_copy: Path) -> None:

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from pipelines.config.loading import load_config
-from pipelines.events import Warned
-from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.settings_file import save_config
-from pipelines.takes.take import Take
 from tests.gui.conftest import RunningWindow
+from v3studio.pipelines.config.loading import load_config
+from v3studio.pipelines.events import Warned
+from v3studio.pipelines.takes.evaluation import read_evaluation
+from v3studio.pipelines.takes.settings_file import save_config
+from v3studio.pipelines.takes.take import Take
 
 FOUND = ["setting train.rates.opacity"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gui.platform.clipboard import Clipboard
-from pipelines.batch.queue_file import QueueFile
 from tests.support.waiting import wait_until
+from v3studio.gui.platform.clipboard import Clipboard
+from v3studio.pipelines.batch.queue_file import QueueFile
 
 ROWS = 12
 """Of the list in the queue's dialog."""

@@ -9,19 +9,19 @@ import cv2
 import numpy as np
 import torch
 
-from studio.gaussians import Gaussians
 from tests.gui.conftest import RunningWindow, body, write_stream
 from tests.support.waiting import wait_until
+from v3studio.studio.gaussians import Gaussians
 
 FAILING = """
 import sys
-from gui.models.playback.transport import Transport
+from v3studio.gui.models.playback.transport import Transport
 
 def set_loop(self, on):
     raise RuntimeError("the loop is stuck")
 
 Transport.set_loop = set_loop
-from gui.app import main
+from v3studio.gui.app import main
 sys.exit(main())
 """
 

@@ -10,8 +10,8 @@ SCRIPT = """
 import json, sys, time
 import psutil
 from open3d.visualization import gui
-from gui.app import check_display
-from gui.window import MainWindow
+from v3studio.gui.app import check_display
+from v3studio.gui.window import MainWindow
 
 stream, opens, frames = sys.argv[1], 5, 100
 check_display()

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.take import Take
 from tests.support.shared import made_once
 from tests.support.tiny_capture import SETTINGS, Done, environment, write_capture, write_project
 from tests.support.warm_python import WarmProcess, warm_python
+from v3studio.pipelines.takes.take import Take
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def start() -> Iterator[Callable[..., WarmProcess]]:
     started: list[WarmProcess] = []
 
     def go(*arguments: object) -> WarmProcess:
-        process = warm_python().popen(("-m", "pipelines.cli", *arguments), text=True, env=environment())
+        process = warm_python().popen(("-m", "v3studio.pipelines.cli", *arguments), text=True, env=environment())
         started.append(process)
         return process
 
@@ -60,7 +60,7 @@ def start() -> Iterator[Callable[..., WarmProcess]]:
 @pytest.fixture
 def here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Done]:
     """Run the command line in this process; a new process per command would cost seconds of imports."""
-    from pipelines.cli import execute
+    from v3studio.pipelines.cli import execute
 
     monkeypatch.setenv("COLUMNS", "200")  # pytest-xdist sets 80, which breaks the rows of tables
 

@@ -4,11 +4,11 @@ import sys
 
 import pytest
 
-from pipelines.cli import make_parser
-from pipelines.events import StageFailed
-from pipelines.stages import STAGE_NAMES
-from pipelines.takes.settings_file import set_settings
-from studio.stream import StreamReader
+from v3studio.pipelines.cli import make_parser
+from v3studio.pipelines.events import StageFailed
+from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.pipelines.takes.settings_file import set_settings
+from v3studio.studio.stream import StreamReader
 
 
 def test_every_command_explains_itself(here):
@@ -115,7 +115,7 @@ def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
 
 
 def test_status_answers_without_torch(finished):
-    status = f"from pipelines.cli import execute; assert execute(['status', {str(finished / 'take')!r}]) == 0"
+    status = f"from v3studio.pipelines.cli import execute; assert execute(['status', {str(finished / 'take')!r}]) == 0"
     command = [sys.executable, "-c", f"import sys; {status}; print('torch' in sys.modules)"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.stdout.endswith("False\n"), done.stderr

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config.presets import PRESETS
-from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.share.player_files import read_player
-from studio.camera_files import _USUAL_NAMES
-from studio.formats import EXPORTS
-from studio.masks.sources import SOURCES
-from studio.stream import StreamReader
-from studio.stream.codecs import CODECS
 from tests.test_commands import ROOT, blocks
+from v3studio.pipelines.config.presets import PRESETS
+from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
+from v3studio.pipelines.share.player_files import read_player
+from v3studio.studio.camera_files import _USUAL_NAMES
+from v3studio.studio.formats import EXPORTS
+from v3studio.studio.masks.sources import SOURCES
+from v3studio.studio.stream import StreamReader
+from v3studio.studio.stream.codecs import CODECS
 
 NOT_HERE = {
     "a window": r"open ",

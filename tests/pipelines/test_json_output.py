@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.cli import make_parser
-from pipelines.events import Log, Progress, StageFinished, read_line
 from tests.support.tiny_capture import ROOT
 from tests.support.warm_python import warm_python
+from v3studio.pipelines.cli import make_parser
+from v3studio.pipelines.events import Log, Progress, StageFinished, read_line
 
 NOISE = """
 import argparse, atexit, ctypes, os, subprocess, sys
-from pipelines import cli
+from v3studio.pipelines import cli
 
 def noise():
     os.write(1, b"Warning: no newline, and a byte that is not UTF-8 \\xff")
@@ -27,7 +27,7 @@ atexit.register(lambda: print("Python library at exit"))
 """
 
 NOISY_STAGE = """
-from pipelines.stages import stage_named
+from v3studio.pipelines.stages import stage_named
 stage = stage_named("bake").code
 quiet = stage.run
 
@@ -164,7 +164,7 @@ def test_every_command_but_the_window_takes_json() -> None:
 
 
 def test_a_reader_that_leaves_early_is_no_error() -> None:
-    command = [sys.executable, "-m", "pipelines.cli", "config"]
+    command = [sys.executable, "-m", "v3studio.pipelines.cli", "config"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT)
     process.stdout.close()
     assert process.stderr.read() == b""

@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import pytest
 
-from studio.yaml_text import dump_yaml, parse_yaml
 from tests.support.tiny_capture import ROOT, Done
 from tests.support.warm_python import warm_python
+from v3studio.studio.yaml_text import dump_yaml, parse_yaml
 
 pytestmark = pytest.mark.long
 
@@ -22,7 +22,7 @@ TAKE = "prise é 影 #1 50%"
 def in_c(*arguments: object, cwd: Path = ROOT) -> Done:
     """The command line with LC_ALL=C; its output is UTF-8 all the same."""
     environment = {**os.environ, "COLUMNS": "200", "LC_ALL": "C", "LANG": "C"}
-    done = warm_python("C").run(("-m", "pipelines.cli", *arguments), cwd=cwd, env=environment)
+    done = warm_python("C").run(("-m", "v3studio.pipelines.cli", *arguments), cwd=cwd, env=environment)
     return Done(done.returncode, done.stdout.decode(), done.stderr.decode())
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import load_config, presets
-from pipelines.config.presets import preset_of
-from pipelines.new_take import CALIBRATE, NewTake, uses_words
-from studio.capture import open_footage
 from tests.support.errors import refuses
+from v3studio.pipelines.config import load_config, presets
+from v3studio.pipelines.config.presets import preset_of
+from v3studio.pipelines.new_take import CALIBRATE, NewTake, uses_words
+from v3studio.studio.capture import open_footage
 
 
 def test_the_camera_file_may_be_beside_the_footage(tmp_path: Path) -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.outputs import replacing
-from pipelines.takes.atomic_files import sweep_partial
-from studio.errors import Cancelled
 from tests.support.errors import refuses
+from v3studio.pipelines.outputs import replacing
+from v3studio.pipelines.takes.atomic_files import sweep_partial
+from v3studio.studio.errors import Cancelled
 
 
 def test_an_output_is_replaced_only_when_asked(tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_what_a_killed_process_set_aside_is_kept_until_there_is_a_new_one(tmp_pa
     program = """
 import os, signal, sys
 from pathlib import Path
-from pipelines.outputs import replacing
+from v3studio.pipelines.outputs import replacing
 out = Path(sys.argv[1])
 with replacing(out, True, Path.is_file):
     if sys.argv[2] == "True":

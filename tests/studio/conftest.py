@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.cameras import Camera
-from studio.rasterizer.cpu import load_kernels
+from v3studio.studio.cameras import Camera
+from v3studio.studio.rasterizer.cpu import load_kernels
 
 SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
 

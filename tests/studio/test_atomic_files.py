@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from studio import atomic_files as module
-from studio.atomic_files import atomic_path, is_being_written, leftovers, remove_leftovers, temporary_path
-from studio.errors import StudioError
 from tests.support.errors import refuses
+from v3studio.studio import atomic_files as module
+from v3studio.studio.atomic_files import atomic_path, is_being_written, leftovers, remove_leftovers, temporary_path
+from v3studio.studio.errors import StudioError
 
 
 def test_only_what_ended_processes_left_is_removed(tmp_path, monkeypatch):

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipelines.config.loading import load_config
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.take import Take
-from studio.bounded_files import Bounds, TextError, check_value, parse_json, parse_toml, read_bounded
-from studio.calibration.manual.file import read_tie_points
-from studio.camera_files import read_rig
-from studio.errors import StudioError
-from studio.formats import read_splats
-from studio.yaml_text import parse_yaml
+from v3studio.pipelines.config.loading import load_config
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.bounded_files import Bounds, TextError, check_value, parse_json, parse_toml, read_bounded
+from v3studio.studio.calibration.manual.file import read_tie_points
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import read_splats
+from v3studio.studio.yaml_text import parse_yaml
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(10**40) + 1, 10**40 - 1) | st.floats(allow_nan=False) | st.text(),

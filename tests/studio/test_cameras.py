@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from studio.cameras import Camera, orbit
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
+from v3studio.studio.cameras import Camera, orbit
 
 DISTORTIONS = {
     "pinhole": [],

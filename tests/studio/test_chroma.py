@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from studio.capture.video import VideoReader
-from studio.chroma import LUMA_WEIGHTS, ChromaSampling, resampled
 from tests.support.chroma_video import write_yuv
+from v3studio.studio.capture.video import VideoReader
+from v3studio.studio.chroma import LUMA_WEIGHTS, ChromaSampling, resampled
 
 CENTER = ChromaSampling((2, 2), (0.5, 0.5), "center")
 LEFT = ChromaSampling((2, 2), (0.0, 0.5), "left")

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from studio.color_fit import correct_color, fit_color, neutral
+from v3studio.studio.color_fit import correct_color, fit_color, neutral
 
 
 def drawn() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

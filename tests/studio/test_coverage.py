@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from studio.coverage import ViewRange, coverage, facing_cameras, view_range
 from tests.support.rigs import camera_at
+from v3studio.studio.coverage import ViewRange, coverage, facing_cameras, view_range
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -2,7 +2,7 @@ import json
 import pickle
 from pathlib import Path
 
-from studio.errors import Message, StudioError
+from v3studio.studio.errors import Message, StudioError
 
 
 def test_errors_survive_pickling_with_their_fields() -> None:

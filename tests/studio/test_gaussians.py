@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from studio.formats.rigid_motion import placed, turned
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity
-from studio.training import LearningRates
-from studio.training.offsets import SplatOffsets
-from studio.training.splat_optimizer import SplatOptimizer
 from tests.support.errors import refuses
 from tests.support.splats import cloud
+from v3studio.studio.formats.rigid_motion import placed, turned
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.training import LearningRates
+from v3studio.studio.training.offsets import SplatOffsets
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
 
 
 def splats(dilation: float) -> Gaussians:

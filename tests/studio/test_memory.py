@@ -8,9 +8,9 @@ import psutil
 import pytest
 import torch
 
-from studio import memory
-from studio.memory import is_out_of_memory, memory_available, memory_limit, require_memory
 from tests.support.errors import refuses
+from v3studio.studio import memory
+from v3studio.studio.memory import is_out_of_memory, memory_available, memory_limit, require_memory
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from studio.memory_cache import MemoryCache, OnDemand, image_cache
+from v3studio.studio.memory_cache import MemoryCache, OnDemand, image_cache
 
 
 def arrays(size: int) -> tuple[np.ndarray, ...]:

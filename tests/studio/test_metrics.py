@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from studio.metrics import psnr, ssim, ssim_map
 from tests.support.errors import refuses
+from v3studio.studio.metrics import psnr, ssim, ssim_map
 
 
 def pair(height: int = 31, width: int = 43) -> tuple[torch.Tensor, torch.Tensor]:

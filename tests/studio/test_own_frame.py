@@ -9,19 +9,19 @@ import pytest
 from plyfile import PlyData
 from scipy.spatial import cKDTree
 
-from pipelines.takes.videos import decoded_video
-from studio.cameras import Rig
-from studio.formats import read_splats
-from studio.formats.baking import bake_video
-from studio.formats.sequence import axes_of, export_sequence, open_import
-from studio.formats.videogs import export_videogs
-from studio.own_frame import frame_sentence, in_own_frame, own_frame, undone
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
-from studio.stream import BakeSettings, StreamMetadata, StreamReader
 from tests.support import rigs
 from tests.support.errors import refuses
 from tests.support.splats import cloud
+from v3studio.pipelines.takes.videos import decoded_video
+from v3studio.studio.cameras import Rig
+from v3studio.studio.formats import read_splats
+from v3studio.studio.formats.baking import bake_video
+from v3studio.studio.formats.sequence import axes_of, export_sequence, open_import
+from v3studio.studio.formats.videogs import export_videogs
+from v3studio.studio.own_frame import frame_sentence, in_own_frame, own_frame, undone
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.stream import BakeSettings, StreamMetadata, StreamReader
 
 FAR = np.array([5.0e6, -1.2e6, 300.0])
 

@@ -9,9 +9,9 @@ import pytest
 import torch
 from safetensors.numpy import load_file
 
-from studio import perceptual
-from studio.perceptual import NETWORKS, Lpips, weights_file
 from tests.support.errors import refuses
+from v3studio.studio import perceptual
+from v3studio.studio.perceptual import NETWORKS, Lpips, weights_file
 
 CONVOLUTIONS = {
     "alex": {0: (3, 64, 11), 3: (64, 192, 5), 6: (192, 384, 3), 8: (384, 256, 3), 10: (256, 256, 3)},

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.process import NativeLines
+from v3studio.studio.process import NativeLines
 
 BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
 
@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 
 NOISY = """
 import atexit, ctypes, os, subprocess, sys
-from studio.process import claim_stdout
+from v3studio.studio.process import claim_stdout
 claim_stdout()
 os.write(1, b"raw\\n")
 ctypes.CDLL(None).printf(b"buffered until exit\\n")
@@ -53,7 +53,7 @@ def test_native_output_goes_to_standard_error_and_names_are_utf8_in_every_locale
 
 def test_an_encoding_without_the_letters_gets_escapes_and_json_utf8() -> None:
     code = (
-        "import sys\nfrom studio.process import as_utf8, claim_stdout\nclaim_stdout()\n"
+        "import sys\nfrom v3studio.studio.process import as_utf8, claim_stdout\nclaim_stdout()\n"
         "print('\\u5f71', flush=True)\nas_utf8(sys.stdout)\nprint('\\u5f71 \\udce9')"
     )
     done = run_script(code, env={"PYTHONIOENCODING": "ascii"})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from studio.rotations import (
+from v3studio.studio.rotations import (
     matrices_to_quats,
     mrp_to_quats,
     quat_conjugate,

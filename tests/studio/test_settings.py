@@ -8,13 +8,13 @@ import cv2
 import pytest
 from pydantic.fields import FieldInfo
 
-from pipelines.config import Config
-from pipelines.config.description import allowed_values
-from studio.calibration.target.pattern import _MARKERS
-from studio.errors import StudioError
-from studio.settings import Settings, Unbounded, affected, marker, submodel
-from studio.stream import BakeSettings
-from studio.training.settings import LearningRates
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.config.description import allowed_values
+from v3studio.studio.calibration.target.pattern import _MARKERS
+from v3studio.studio.errors import StudioError
+from v3studio.studio.settings import Settings, Unbounded, affected, marker, submodel
+from v3studio.studio.stream import BakeSettings
+from v3studio.studio.training.settings import LearningRates
 
 
 def models(model: type[Settings] = Config) -> Iterator[type[Settings]]:

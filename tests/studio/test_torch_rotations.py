@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.torch_rotations import align_axes, quat_multiply, quats_to_matrices, rotate_vectors
+from v3studio.studio.torch_rotations import align_axes, quat_multiply, quats_to_matrices, rotate_vectors
 
 
 def wxyz(rotation: Rotation) -> torch.Tensor:

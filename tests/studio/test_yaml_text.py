@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from studio.bounded_files import TextError
-from studio.yaml_text import dump_with_comments, dump_yaml, parse_with_comments, parse_yaml
+from v3studio.studio.bounded_files import TextError
+from v3studio.studio.yaml_text import dump_with_comments, dump_yaml, parse_with_comments, parse_yaml
 
 
 @pytest.mark.parametrize(

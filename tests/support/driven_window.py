@@ -13,8 +13,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from gui import app, window
-from gui.models.stage_rows import TITLES
+from v3studio.gui import app, window
+from v3studio.gui.models.stage_rows import TITLES
 
 SETTLED = 120.0
 """Seconds in which a view must have drawn its picture, or have said why it has none, on a busy machine."""

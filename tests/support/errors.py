@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 _UNSET: Any = object()
 

@@ -4,7 +4,7 @@ import signal
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from pipelines.events import Event, Metrics, Warned, read_line
+from v3studio.pipelines.events import Event, Metrics, Warned, read_line
 
 
 def events_in(text: str) -> list[Event]:

@@ -11,9 +11,9 @@ import random
 import zlib
 from typing import Any
 
-from studio.errors import StudioError
-from studio.stream import Source, StreamReader
 from tests.support.splats import assert_drawable
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import Source, StreamReader
 
 Files = dict[str, bytes]
 """A stream's files by their path in it."""

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from gui.models.loop import LOOP, Signal
 from tests.support.waiting import wait_until
+from v3studio.gui.models.loop import LOOP, Signal
 
 
 def wait_in_loop(what: str, accept: Callable[[], object], seconds: float = 120.0) -> None:

@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from studio.gaussians import Gaussians
+from v3studio.studio.gaussians import Gaussians
 
 
 def performer(frames: int, splats: int = 900) -> list[Gaussians]:

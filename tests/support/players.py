@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gui.models.playback.player import PlayerPresenter
 from tests.support.looping import wait_in_loop
 from tests.support.waiting import wait_until
+from v3studio.gui.models.playback.player import PlayerPresenter
 
 
 def settle(player: PlayerPresenter, seconds: float = 120.0) -> None:

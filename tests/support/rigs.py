@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera, Rig, look_at_pose
+from v3studio.studio.cameras import Camera, Rig, look_at_pose
 
 Z_UP = (0.0, 0.0, 1.0)
 ORIGIN = (0.0, 0.0, 0.0)

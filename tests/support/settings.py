@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 
 @contextlib.contextmanager

@@ -9,8 +9,8 @@ from typing import Any
 import av
 import numpy as np
 
-from studio.errors import StudioError
 from tests.support.waiting import wait_until
+from v3studio.studio.errors import StudioError
 
 CLICK = 0.002
 """Duration of a click in seconds: a burst of 2 kHz."""

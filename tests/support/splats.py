@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 import torch
 
-from pipelines.takes.atomic_files import write_model
-from pipelines.takes.stage_files import TrainedGroup
-from pipelines.takes.take import Take
-from studio.gaussians import Gaussians
+from v3studio.pipelines.takes.atomic_files import write_model
+from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.gaussians import Gaussians
 
 COUNT = 260
 """More than a chunk of compressed PLY, a bucket of .ksplat and a row of SOG's palette have."""

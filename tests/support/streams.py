@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from studio.audio import SoundFile, cut_sound
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, CapturePlace, StreamReader, bake_group, bake_sound, write_manifest
 from tests.support.sounds import write_wav
+from v3studio.studio.audio import SoundFile, cut_sound
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream import BakeSettings, CapturePlace, StreamReader, bake_group, bake_sound, write_manifest
 
 
 def bake_numbered(

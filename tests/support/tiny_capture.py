@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from pipelines.config import Config, load_config, parse_override
-from pipelines.events import Event, Finished
-from pipelines.takes.take import Take
 from tests.support.events import events_in
 from tests.support.rigs import on_circle, pose
 from tests.support.warm_python import warm_python
+from v3studio.pipelines.config import Config, load_config, parse_override
+from v3studio.pipelines.events import Event, Finished
+from v3studio.pipelines.takes.take import Take
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 5
 RADIUS = 0.55
@@ -118,7 +118,7 @@ class Done(NamedTuple):
 
 def v3studio(*arguments: object) -> Done:
     """Run the command line in a separate process, as a user or the window would."""
-    done = warm_python().run(("-m", "pipelines.cli", *arguments), text=True, env=environment())
+    done = warm_python().run(("-m", "v3studio.pipelines.cli", *arguments), text=True, env=environment())
     return Done(done.returncode, done.stdout, done.stderr)
 
 
@@ -142,7 +142,7 @@ def settings_in(project: Path, *overrides: str) -> Config:
 
 def run_take(project: Path, *overrides: str, **options: Any) -> list[Event]:
     """Run the take `take/` of a project in this process, or begin it; its events."""
-    from pipelines.runs.runner import run
+    from v3studio.pipelines.runs.runner import run
 
     events: list[Event] = []
     run(Take.create(project / "take"), settings_in(project, *overrides), events.append, **options)

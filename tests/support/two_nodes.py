@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from tempfile import TemporaryFile
 from typing import IO
 
-from pipelines.events import Event, GroupState, read_line
+from v3studio.pipelines.events import Event, GroupState, read_line
 
 SETTINGS: Mapping[str, str] = {
     "RAY_AUTH_MODE": "token",

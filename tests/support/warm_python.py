@@ -265,7 +265,7 @@ def forking(warm: WarmPython) -> type[subprocess.Popen[Any]]:
 
     class Popen(subprocess.Popen[Any]):
         def __new__(cls, args: Any, **options: Any) -> Any:
-            if args[:3] != [sys.executable, "-m", "pipelines.cli"]:
+            if args[:3] != [sys.executable, "-m", "v3studio.pipelines.cli"]:
                 return super().__new__(cls)
             tied, piped = (options.get(name) == subprocess.PIPE for name in ("stdin", "stdout"))
             with open(os.devnull, "wb") as nothing:
@@ -314,7 +314,7 @@ def _end(code: int) -> None:
 if __name__ == "__main__":
     from importlib import import_module
 
-    from studio.process import passive_openmp
+    from v3studio.studio.process import passive_openmp
 
     passive_openmp()
     gc.disable()

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 import uvicorn
 from starlette.applications import Starlette
 
-from pipelines.share.player_files import PlayerFiles
-from pipelines.share.server import listen
+from v3studio.pipelines.share.player_files import PlayerFiles
+from v3studio.pipelines.share.server import listen
 
 PLAYER = PlayerFiles(
     "<title>V3 Player</title><!-- v3:head --><!-- v3:player -->old<!-- /v3:player -->"

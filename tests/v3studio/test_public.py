@@ -57,7 +57,7 @@ def test_examples_use_the_public_face_only() -> None:
     assert len(EXAMPLES) == 9
     for script in EXAMPLES:
         lines = script.read_text(encoding="utf-8").splitlines()
-        assert not [line for line in lines if line.startswith(("import studio", "from studio", "from pipelines"))]
+        assert not [line for line in lines if line.startswith(("import v3studio.", "from v3studio."))]
         assert script.name in (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
 
 

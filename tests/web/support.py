@@ -14,16 +14,16 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.audio import SoundFile, cut_sound
-from studio.cameras import Camera, look_at_pose
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
-from studio.stream.encode import write_manifest as manifest_writer
-from studio.stream.morton import deinterleave, square_scan
-from studio.stream.motion_state import Side
 from tests.support.sounds import clicks as click_sound
 from tests.support.sounds import write_wav
+from v3studio.studio.audio import SoundFile, cut_sound
+from v3studio.studio.cameras import Camera, look_at_pose
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
+from v3studio.studio.stream.encode import write_manifest as manifest_writer
+from v3studio.studio.stream.morton import deinterleave, square_scan
+from v3studio.studio.stream.motion_state import Side
 
 FPS = 25.0
 

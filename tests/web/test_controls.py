@@ -7,9 +7,9 @@ import pytest
 import support
 from PIL import Image
 
-from studio.coverage import view_range
 from tests.support.streams import edit_manifest
 from tests.support.waiting import wait_until
+from v3studio.studio.coverage import view_range
 
 pytestmark = pytest.mark.web
 

@@ -6,9 +6,9 @@ import shutil
 
 import pytest
 
-from studio.stream.sidefile import deflate
 from tests.support.hostile_streams import mutate
 from tests.support.streams import best_of, contents, edit_manifest, group_files, replace_file
+from v3studio.studio.stream.sidefile import deflate
 
 pytestmark = pytest.mark.web
 

@@ -10,7 +10,7 @@ import support
 from driver import psnr
 from scipy.spatial.transform import Rotation
 
-from studio.cameras import Camera
+from v3studio.studio.cameras import Camera
 
 pytestmark = pytest.mark.web
 

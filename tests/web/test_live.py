@@ -7,8 +7,8 @@ import shutil
 import pytest
 import support
 
-from studio.stream import StreamReader
-from studio.stream.write_archive import write_archive
+from v3studio.studio.stream import StreamReader
+from v3studio.studio.stream.write_archive import write_archive
 
 pytestmark = pytest.mark.web
 

@@ -18,15 +18,15 @@ import torch
 from driver import Site, psnr
 from PIL import Image
 
-from pipelines.share.cast_frames import CastFrames
-from pipelines.share.sharing import share
-from studio.cameras import Camera
-from studio.formats import ply
-from studio.gaussians import Gaussians
-from studio.stream.attributes import ATTRIBUTES
 from tests.support.glb import red_post
 from tests.support.performer import covariances
 from tests.support.shared import made_once
+from v3studio.pipelines.share.cast_frames import CastFrames
+from v3studio.pipelines.share.sharing import share
+from v3studio.studio.cameras import Camera
+from v3studio.studio.formats import ply
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream.attributes import ATTRIBUTES
 
 pytestmark = pytest.mark.web
 
@@ -274,7 +274,7 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
 
 
 def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):
-    monkeypatch.setattr("pipelines.share.cast.player_folder", lambda: installed.parent / "player")
+    monkeypatch.setattr("v3studio.pipelines.share.cast.player_folder", lambda: installed.parent / "player")
     center, turn, size = torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), -2.5)
     ball = Gaussians(center, turn, size, torch.tensor([6.0]), torch.tensor([[[1.77, -1.77, -1.77]]]))
     ply.write(tmp_path / "ball.ply", ball)

@@ -12,9 +12,9 @@ import pytest
 import support
 from driver import Page, psnr
 
-from pipelines.share.page import PageText, first_files
-from pipelines.share.serving import serve
-from pipelines.share.sharing import share
+from v3studio.pipelines.share.page import PageText, first_files
+from v3studio.pipelines.share.serving import serve
+from v3studio.pipelines.share.sharing import share
 
 pytestmark = pytest.mark.web
 

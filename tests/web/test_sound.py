@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from studio.stream import StreamReader
+from v3studio.studio.stream import StreamReader
 
 pytestmark = pytest.mark.web
 

@@ -18,8 +18,8 @@ import av
 import numpy as np
 import support
 
-from studio.playback import RateRule
-from studio.stream.codecs import CODECS
+from v3studio.studio.playback import RateRule
+from v3studio.studio.stream.codecs import CODECS
 
 
 def rule_steps() -> dict[str, Any]:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import RAISED
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.thumbnails import Thumbnails
-from gui.models.playback.timeline import Timeline
-from studio.cameras import Camera
-from studio.memory_cache import MemoryCache
-from studio.stream import is_address
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.palette import RAISED
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.thumbnails import Thumbnails
+from v3studio.gui.models.playback.timeline import Timeline
+from v3studio.studio.cameras import Camera
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.stream import is_address
 
 Size = tuple[int, int]
 

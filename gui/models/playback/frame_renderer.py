@@ -8,23 +8,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gui.drawing import compare
-from gui.drawing.canvas import Canvas
-from gui.drawing.compare import Box
-from gui.drawing.palette import BAD, BLACK
-from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OtherSource, shown_beside
-from gui.models.playback.sources import FrameSource
-from gui.models.scene.contents import Color, SceneRequest
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.reader import SceneReader
-from gui.models.scene.render import Place, render_scene
-from gui.models.stages import performer_over
-from studio.cameras import Camera
-from studio.coverage import ViewRange
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.memory_cache import MemoryCache
+from v3studio.gui.drawing import compare
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.compare import Box
+from v3studio.gui.drawing.palette import BAD, BLACK
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.gui.models.playback.other_source import OtherSource, shown_beside
+from v3studio.gui.models.playback.sources import FrameSource
+from v3studio.gui.models.scene.contents import Color, SceneRequest
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.scene.reader import SceneReader
+from v3studio.gui.models.scene.render import Place, render_scene
+from v3studio.gui.models.stages import performer_over
+from v3studio.studio.cameras import Camera
+from v3studio.studio.coverage import ViewRange
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.memory_cache import MemoryCache
 
 KEPT_PICTURES = 9
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import GROUND
-from studio.cameras import Camera
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.palette import GROUND
+from v3studio.studio.cameras import Camera
 
 MOST_ZOOM = 40.0
 

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from gui.models.evaluation import Evaluation
-from gui.models.playback.sources import FrameSource, open_path
-from gui.models.playback.stream_source import StreamSource
-from pipelines.takes.evaluation import measured_earlier_bake
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
+from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.playback.sources import FrameSource, open_path
+from v3studio.gui.models.playback.stream_source import StreamSource
+from v3studio.pipelines.takes.evaluation import measured_earlier_bake
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
 
 OTHER = "other"  # name of this source among those of the open take or stream
 

@@ -7,26 +7,26 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.compare import ALONE, MODES, WHATS
-from gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
-from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OTHER, OTHERS, OtherSource
-from gui.models.playback.sources import Opened, first_whole, open_path, reach_of, take_contents, thinned
-from gui.models.playback.stream_audio import StreamAudio
-from gui.models.playback.stream_source import StreamSource
-from gui.models.playback.transport import Transport
-from gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Rest, Viewpoint
-from gui.models.scene.compose import draw
-from gui.models.scene.contents import Surface
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.reader import SceneReader
-from gui.models.scene.render import Place
-from gui.models.worker import Done, LatestWorker
-from pipelines.share.cast_frames import CastFrames
-from pipelines.takes.videos import FALLBACK_FPS
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.playback import LeftOut, SoundDevice
+from v3studio.gui.drawing.compare import ALONE, MODES, WHATS
+from v3studio.gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.gui.models.playback.other_source import OTHER, OTHERS, OtherSource
+from v3studio.gui.models.playback.sources import Opened, first_whole, open_path, reach_of, take_contents, thinned
+from v3studio.gui.models.playback.stream_audio import StreamAudio
+from v3studio.gui.models.playback.stream_source import StreamSource
+from v3studio.gui.models.playback.transport import Transport
+from v3studio.gui.models.playback.viewpoint import BACKGROUNDS, NOTHING_OPEN, Rest, Viewpoint
+from v3studio.gui.models.scene.compose import draw
+from v3studio.gui.models.scene.contents import Surface
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.scene.reader import SceneReader
+from v3studio.gui.models.scene.render import Place
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.pipelines.share.cast_frames import CastFrames
+from v3studio.pipelines.takes.videos import FALLBACK_FPS
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.playback import LeftOut, SoundDevice
 
 NOTHING_TO_SHOW = "Nothing trained or baked yet. Frames appear here as Train and Bake run."
 

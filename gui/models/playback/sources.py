@@ -9,26 +9,26 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.models.playback.stream_source import CACHE_BYTES, StreamSource
-from pipelines.config import load_config
-from pipelines.share.cast import is_cast
-from pipelines.share.cast_frames import CastFrames
-from pipelines.takes.edited import EditedGroup
-from pipelines.takes.edits import read_edits
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
-from pipelines.takes.take import Take
-from pipelines.takes.videos import FALLBACK_FPS
-from studio.camera_files import read_rig
-from studio.cameras import Camera, Rig
-from studio.edits.edit_list import EditList, Trim
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.memory_cache import MemoryCache
-from studio.own_frame import in_own_frame
-from studio.playback import LeftOut
-from studio.playback.stream_frames import bytes_of
-from studio.stream import is_address
+from v3studio.gui.models.playback.stream_source import CACHE_BYTES, StreamSource
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.share.cast import is_cast
+from v3studio.pipelines.share.cast_frames import CastFrames
+from v3studio.pipelines.takes.edited import EditedGroup
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import FALLBACK_FPS
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.edits.edit_list import EditList, Trim
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.own_frame import in_own_frame
+from v3studio.studio.playback import LeftOut
+from v3studio.studio.playback.stream_frames import bytes_of
+from v3studio.studio.stream import is_address
 
 REACH_FRAMES = 6  # number of trained frames from which `TrainedSource.reach` is known
 

@@ -5,14 +5,14 @@ import threading
 
 import numpy as np
 
-from gui.drawing.palette import SECOND
-from gui.models.playback.stream_source import StreamSource
-from gui.models.playback.timeline_plots import Waveform
-from pipelines.share.cast_frames import CastFrames
-from studio.audio import Pcm
-from studio.audio.pcm import part_of
-from studio.errors import StudioError
-from studio.playback import SoundDevice, SoundPlayer
+from v3studio.gui.drawing.palette import SECOND
+from v3studio.gui.models.playback.stream_source import StreamSource
+from v3studio.gui.models.playback.timeline_plots import Waveform
+from v3studio.pipelines.share.cast_frames import CastFrames
+from v3studio.studio.audio import Pcm
+from v3studio.studio.audio.pcm import part_of
+from v3studio.studio.errors import StudioError
+from v3studio.studio.playback import SoundDevice, SoundPlayer
 
 PEAKS = 4096  # parts of a waveform, more than a timeline has columns
 

@@ -6,13 +6,13 @@ The window's transport, which also runs over footage and trained frames, is the 
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipelines.takes.videos import capture_place
-from studio.coverage import ViewRange
-from studio.formats.rigid_motion import placed
-from studio.gaussians import Gaussians
-from studio.playback import LeftOut, SkippedGroup, StreamFrames
-from studio.similarity import Similarity
-from studio.stream import StreamMetadata, StreamReader, StreamSound
+from v3studio.pipelines.takes.videos import capture_place
+from v3studio.studio.coverage import ViewRange
+from v3studio.studio.formats.rigid_motion import placed
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.playback import LeftOut, SkippedGroup, StreamFrames
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.stream import StreamMetadata, StreamReader, StreamSound
 
 CACHE_BYTES = 512 * 1024 * 1024  # of frames that are kept
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.models.camera_path import reframed
-from gui.models.loop import Signal
-from gui.models.playback.sources import FrameSource, open_path
-from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.scene.compose import draw
-from gui.models.worker import Done, LatestWorker
-from studio.cameras import Camera
-from studio.memory_cache import MemoryCache
+from v3studio.gui.models.camera_path import reframed
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.sources import FrameSource, open_path
+from v3studio.gui.models.playback.viewpoint import BACKGROUNDS
+from v3studio.gui.models.scene.compose import draw
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.studio.cameras import Camera
+from v3studio.studio.memory_cache import MemoryCache
 
 KEPT = 200  # pictures that are kept
 

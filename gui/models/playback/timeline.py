@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.palette import ACCENT as HEAD
-from gui.drawing.palette import PANEL as BACKGROUND
+from v3studio.gui.drawing.palette import ACCENT as HEAD
+from v3studio.gui.drawing.palette import PANEL as BACKGROUND
 
 TRACK = (66, 69, 74)
 TRACK_OTHER_GROUP = (80, 84, 90)

@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, text_width
-from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
-from gui.models.playback.timeline import WHOLE, Timeline, TimelineZoom
-from pipelines.takes.frame_numbers import FrameNumbers
-from studio.comparison.metrics import FLICKER, METRICS, Metric
+from v3studio.gui.drawing.canvas import Canvas, text_width
+from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
+from v3studio.gui.models.playback.timeline import WHOLE, Timeline, TimelineZoom
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.studio.comparison.metrics import FLICKER, METRICS, Metric
 
 _STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]  # distances of numbered frames
 LEAST_SPAN = 2.0  # least range of an axis that does not begin at zero, dB: smaller differences must not look large

@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable, Sequence
 
-from pipelines.takes.frame_numbers import FrameNumbers
-from studio.playback.sound_player import SoundPlayer
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.studio.playback.sound_player import SoundPlayer
 
 
 class Transport:

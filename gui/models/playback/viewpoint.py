@@ -5,16 +5,16 @@ from collections.abc import Callable, Hashable
 
 import numpy as np
 
-from gui.drawing.compare import ALONE, boxes
-from gui.models.held_out import held_out_cameras, held_out_first
-from gui.models.loop import Signal
-from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.other_source import OTHER, OTHERS, OtherSource, shown_beside
-from gui.models.playback.sources import FrameSource, Opened
-from gui.models.scene.contents import SHOWN_AT_FIRST
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.stages import Inputs
-from studio.cameras import Camera
+from v3studio.gui.drawing.compare import ALONE, boxes
+from v3studio.gui.models.held_out import held_out_cameras, held_out_first
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.gui.models.playback.other_source import OTHER, OTHERS, OtherSource, shown_beside
+from v3studio.gui.models.playback.sources import FrameSource, Opened
+from v3studio.gui.models.scene.contents import SHOWN_AT_FIRST
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.stages import Inputs
+from v3studio.studio.cameras import Camera
 
 BACKGROUNDS = {"dark": (0.08, 0.09, 0.1), "black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 NOTHING_OPEN = "Open a take or a stream, or create a new take from footage (File menu)."

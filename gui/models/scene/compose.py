@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from gui.models.scene.contents import Color
-from gui.models.scene.fragments import Patch
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer import Render, preferred_device, rasterize
+from v3studio.gui.models.scene.contents import Color
+from v3studio.gui.models.scene.fragments import Patch
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import Render, preferred_device, rasterize
 
 MOST_PER_PIXEL = 8  # fragments that are blended in a pixel: the nearest ones
 SLACK = 1.002  # relative depth by which lines may lie behind a surface and still be drawn: edges of a surface lie on it

@@ -8,13 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
-from gui.drawing.palette import AXES, LINE, RGB
-from gui.drawing.plots import round_step
-from gui.models.stages import Inputs
-from pipelines.share.cast_frames import CastFrames
-from pipelines.takes.take import Take
-from studio.cameras import Camera, Rig
-from studio.similarity import Similarity
+from v3studio.gui.drawing.palette import AXES, LINE, RGB
+from v3studio.gui.drawing.plots import round_step
+from v3studio.gui.models.stages import Inputs
+from v3studio.pipelines.share.cast_frames import CastFrames
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.similarity import Similarity
 
 PARTS = ("splats", "cameras", "points", "mesh", "grid", "axes", "volume")
 SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})

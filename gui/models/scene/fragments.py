@@ -8,8 +8,8 @@ from itertools import product
 import cv2
 import numpy as np
 
-from gui.models.scene.contents import Lines
-from studio.cameras import Camera
+from v3studio.gui.models.scene.contents import Lines
+from v3studio.studio.cameras import Camera
 
 NEAR = 1e-3  # least depth that is drawn, world units
 

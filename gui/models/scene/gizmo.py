@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, text_width
-from gui.drawing.palette import AXES, GROUND, RGB
-from gui.models.scene.orbit import OrbitCamera
-from studio.cameras import Camera
+from v3studio.gui.drawing.canvas import Canvas, text_width
+from v3studio.gui.drawing.palette import AXES, GROUND, RGB
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.studio.cameras import Camera
 
 SIZE = 2.6  # length of an axis, em
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.edits.edit_list import CropBox, EditList, Ground
-from studio.rotations import matrices_to_quats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.edits.edit_list import CropBox, EditList, Ground
+from v3studio.studio.rotations import matrices_to_quats
 
 REACH = 16.0  # pixels from a handle within which it is grabbed
 PICK_RADII = (6.0, 20.0)  # pixels around a click in which splats are looked for, the first that has some

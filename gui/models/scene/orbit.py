@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from studio.cameras import Camera
+from v3studio.studio.cameras import Camera
 
 _WIDEST = math.radians(75.0)  # field of view of a first view
 _STEEPEST = math.radians(10.0)  # of a first view, above or below the horizon

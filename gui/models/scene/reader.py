@@ -8,20 +8,20 @@ from typing import TypeVar, cast
 import cv2
 import numpy as np
 
-from gui.drawing.palette import FAIR, HELD_OUT, RGB
-from gui.models.held_out import held_out_cameras
-from gui.models.scene import contents as scene
-from gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneRequest, Surface
-from gui.models.scene.handles import up_of
-from gui.models.stages import Inputs
-from pipelines.takes.edits import read_edits
-from pipelines.takes.point_files import read_points, read_sparse_points
-from studio.cameras import Rig
-from studio.counts import counted
-from studio.edits.edit_list import EditList
-from studio.errors import StudioError
-from studio.memory_cache import MemoryCache
-from studio.similarity import Similarity
+from v3studio.gui.drawing.palette import FAIR, HELD_OUT, RGB
+from v3studio.gui.models.held_out import held_out_cameras
+from v3studio.gui.models.scene import contents as scene
+from v3studio.gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneRequest, Surface
+from v3studio.gui.models.scene.handles import up_of
+from v3studio.gui.models.stages import Inputs
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.point_files import read_points, read_sparse_points
+from v3studio.studio.cameras import Rig
+from v3studio.studio.counts import counted
+from v3studio.studio.edits.edit_list import EditList
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.similarity import Similarity
 
 OTHERS: RGB = (150, 156, 166)  # color of the frusta of cameras that are not held out
 

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from gui.drawing import compare
-from gui.drawing.canvas import Canvas
-from gui.drawing.labels import draw_labels
-from gui.drawing.palette import GROUND
-from gui.models.scene.compose import SplatLayer, Surfaces, compose, draw_layer
-from gui.models.scene.contents import Color, Lines, SceneContents, SceneRequest
-from gui.models.scene.fragments import NEAR, Patch, image_on_quad, line_fragments, point_fragments
-from gui.models.scene.gizmo import draw_gizmo
-from gui.models.scene.reader import SceneReader
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
+from v3studio.gui.drawing import compare
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.labels import draw_labels
+from v3studio.gui.drawing.palette import GROUND
+from v3studio.gui.models.scene.compose import SplatLayer, Surfaces, compose, draw_layer
+from v3studio.gui.models.scene.contents import Color, Lines, SceneContents, SceneRequest
+from v3studio.gui.models.scene.fragments import NEAR, Patch, image_on_quad, line_fragments, point_fragments
+from v3studio.gui.models.scene.gizmo import draw_gizmo
+from v3studio.gui.models.scene.reader import SceneReader
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
 
 Place = tuple[str, np.ndarray]
 

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gui.models.loop import Signal
-from gui.models.take.jobs import Commands
-from pipelines.config import Config
-from pipelines.config.presets import PRESETS
-from pipelines.events import Event, Finished, read_line
-from pipelines.reports.terminal import duration
-from pipelines.takes.atomic_files import write_text
-from pipelines.takes.take import Take, program_version
-from studio.storage.cache import cache_folder
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.take.jobs import Commands
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.config.presets import PRESETS
+from v3studio.pipelines.events import Event, Finished, read_line
+from v3studio.pipelines.reports.terminal import duration
+from v3studio.pipelines.takes.atomic_files import write_text
+from v3studio.pipelines.takes.take import Take, program_version
+from v3studio.studio.storage.cache import cache_folder
 
 Figures = Mapping[str, tuple[float, int | None]]  # seconds, and bytes of the stream (None: not estimated), by preset
 

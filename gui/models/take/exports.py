@@ -4,19 +4,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gui.models.camera_path import PathEditor
-from gui.models.loop import Signal
-from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.take.jobs import Commands, scratch_folder
-from gui.models.take.page_words import in_page_words
-from gui.models.take.shares import NamedTarget, ShareRequest
-from pipelines.events import Event, Finished, Log, Progress
-from pipelines.events.cancellation import EXIT_CANCELLED
-from pipelines.takes.camera_paths import in_export
-from studio.counts import counted, size_words
-from studio.errors import StudioError
-from studio.formats import EXPORTS
-from studio.formats.camera_path import Key, write_path_keys
+from v3studio.gui.models.camera_path import PathEditor
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.viewpoint import BACKGROUNDS
+from v3studio.gui.models.take.jobs import Commands, scratch_folder
+from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.gui.models.take.shares import NamedTarget, ShareRequest
+from v3studio.pipelines.events import Event, Finished, Log, Progress
+from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
+from v3studio.pipelines.takes.camera_paths import in_export
+from v3studio.studio.counts import counted, size_words
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import EXPORTS
+from v3studio.studio.formats.camera_path import Key, write_path_keys
 
 _FOLDERS = ("frame", "plates")
 FORMATS = {one.name: (one.title, "" if one.holds in _FOLDERS else one.suffix) for one in EXPORTS.values()}

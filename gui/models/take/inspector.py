@@ -6,19 +6,19 @@ from statistics import fmean
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, wrapped
-from gui.drawing.palette import DIM, LINE, PANEL, TEXT
-from gui.models.evaluation import DECODED, Evaluation
-from gui.models.marks import Marks
-from gui.models.playback.player import PlayerPresenter
-from gui.models.take.log_words import stage_name
-from gui.models.take.run_state import percent
-from gui.models.take.workspace import Workspace
-from pipelines.reports.terminal import duration
-from pipelines.takes.summaries import summary_words
-from studio.comparison.metrics import EVALUATED, FLICKER, MAIN
-from studio.edits import EditList
-from studio.errors import StudioError
+from v3studio.gui.drawing.canvas import Canvas, line_height, wrapped
+from v3studio.gui.drawing.palette import DIM, LINE, PANEL, TEXT
+from v3studio.gui.models.evaluation import DECODED, Evaluation
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.take.log_words import stage_name
+from v3studio.gui.models.take.run_state import percent
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.pipelines.reports.terminal import duration
+from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.studio.comparison.metrics import EVALUATED, FLICKER, MAIN
+from v3studio.studio.edits import EditList
+from v3studio.studio.errors import StudioError
 
 Row = tuple[str, str]
 

@@ -17,11 +17,10 @@ from pathlib import Path
 
 import psutil
 
-import pipelines
-from gui.models.loop import LOOP, Signal
-from pipelines.events import Event, Finished, Log, read_line
-from pipelines.takes.atomic_files import remove
-from pipelines.takes.take import Take
+from v3studio.gui.models.loop import LOOP, Signal
+from v3studio.pipelines.events import Event, Finished, Log, read_line
+from v3studio.pipelines.takes.atomic_files import remove
+from v3studio.pipelines.takes.take import Take
 
 STDERR_NAME = "window_job.log"
 _LONGEST_LINE = 1 << 20  # bytes; the rest of a longer line is dropped
@@ -29,7 +28,7 @@ _LONGEST_LINE = 1 << 20  # bytes; the rest of a longer line is dropped
 
 def v3studio_command() -> list[str]:
     """Command that runs the CLI with this Python."""
-    return [sys.executable, "-m", "pipelines.cli"]
+    return [sys.executable, "-m", "v3studio.pipelines.cli"]
 
 
 class ChildProcess:
@@ -41,8 +40,6 @@ class ChildProcess:
         self.errors = errors
         self.output: Signal[[]] = Signal()
         self._posted = threading.Event()
-        root = str(Path(pipelines.__file__).resolve().parents[1])  # so that the child process finds the packages
-        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         with errors.open("wb") as file:
             self._process = subprocess.Popen(
                 command,
@@ -50,7 +47,6 @@ class ChildProcess:
                 stdout=subprocess.PIPE,
                 stderr=file,
                 start_new_session=True,
-                env={**os.environ, "PYTHONPATH": path},
                 cwd=folder,
             )
         self._lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()

@@ -7,13 +7,13 @@ from datetime import datetime
 
 import numpy as np
 
-from gui.drawing.areas import Areas
-from gui.drawing.canvas import Canvas, line_height, text_width, wrapped
-from gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
-from gui.models.take.inspector import heading
-from gui.models.take.remedies import Fix, fix_of
-from gui.models.take.run_state import LogLine
-from pipelines.config import Config
+from v3studio.gui.drawing.areas import Areas
+from v3studio.gui.drawing.canvas import Canvas, line_height, text_width, wrapped
+from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
+from v3studio.gui.models.take.inspector import heading
+from v3studio.gui.models.take.remedies import Fix, fix_of
+from v3studio.gui.models.take.run_state import LogLine
+from v3studio.pipelines.config import Config
 
 LEVELS: dict[str, tuple[str, RGB, RGB]] = {
     "": ("", DIM, TEXT),

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping
 
-from gui.models.stages import STAGES
-from pipelines.events import Metrics
-from pipelines.reports.terminal import duration
-from studio.comparison.metrics import EVALUATED
-from studio.counts import counted, size_words
-from studio.json_types import JsonData
+from v3studio.gui.models.stages import STAGES
+from v3studio.pipelines.events import Metrics
+from v3studio.pipelines.reports.terminal import duration
+from v3studio.studio.comparison.metrics import EVALUATED
+from v3studio.studio.counts import counted, size_words
+from v3studio.studio.json_types import JsonData
 
 _FIGURES: Mapping[str, Callable[[float], str]] = {  # by name, in the order of the words
     "points": lambda count: counted(count, "point"),

@@ -3,12 +3,12 @@
 import re
 from functools import cache
 
-from gui.models.stage_rows import TITLES
-from gui.models.stages import STAGES
-from gui.models.take.log_words import stage_name
-from gui.models.take.settings import SECTIONS, fields_of
-from pipelines.runs.staleness import StageStatus
-from studio.counts import listed
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.stages import STAGES
+from v3studio.gui.models.take.log_words import stage_name
+from v3studio.gui.models.take.settings import SECTIONS, fields_of
+from v3studio.pipelines.runs.staleness import StageStatus
+from v3studio.studio.counts import listed
 
 _SECTIONS = "|".join(section for sections in SECTIONS.values() for section in sections)
 _SETTING = re.compile(rf"(?<![\w./'])(?:{_SECTIONS})(?:\.[a-z_0-9]+)+")

@@ -6,12 +6,12 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from gui.models.take.page_words import setting_words
-from gui.models.take.settings import setting_value, stage_of
-from pipelines.config import Config
-from pipelines.events import Notice
-from studio.masks.sources import SOURCES
-from studio.yaml_text import inline_yaml
+from v3studio.gui.models.take.page_words import setting_words
+from v3studio.gui.models.take.settings import setting_value, stage_of
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import Notice
+from v3studio.studio.masks.sources import SOURCES
+from v3studio.studio.yaml_text import inline_yaml
 
 REMEDIES: Mapping[str, str] = {  # the setting that fixes a warning, by its code
     "bake.beyond_hardware": "train.max_splats",

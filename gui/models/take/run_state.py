@@ -6,9 +6,9 @@ import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 
-from gui.models.take.log_words import metrics_words, stage_name
-from gui.models.take.page_words import in_page_words
-from pipelines.events import (
+from v3studio.gui.models.take.log_words import metrics_words, stage_name
+from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.pipelines.events import (
     Event,
     Finished,
     GroupState,
@@ -23,8 +23,8 @@ from pipelines.events import (
     StageStarted,
     Warned,
 )
-from pipelines.reports.terminal import duration
-from pipelines.takes.summaries import summary_words
+from v3studio.pipelines.reports.terminal import duration
+from v3studio.pipelines.takes.summaries import summary_words
 
 LOG_LINES = 2000
 CURVE_POINTS = 4000

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from gui.models.loop import Signal
-from gui.models.take.jobs import Commands
-from pipelines.events import Event
-from pipelines.events import Serving as ServingEvent
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.take.jobs import Commands
+from v3studio.pipelines.events import Event
+from v3studio.pipelines.events import Serving as ServingEvent
 
 
 class Serving(Commands):

@@ -11,17 +11,17 @@ from typing import Any, Literal, Union, cast, get_args, get_origin
 from pydantic import JsonValue
 from pydantic.fields import FieldInfo
 
-from gui.drawing.plots import round_step
-from gui.models.stage_rows import TITLES
-from gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
-from pipelines.config import Config
-from pipelines.config.description import allowed_values, bounds
-from pipelines.config.loading import parse_override
-from pipelines.takes.path_here import path_here
-from studio.capture.settings import CameraName
-from studio.settings import Empty, Heading, Settings, marker, submodel
-from studio.storage import is_address
-from studio.yaml_text import inline_yaml
+from v3studio.gui.drawing.plots import round_step
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.config.description import allowed_values, bounds
+from v3studio.pipelines.config.loading import parse_override
+from v3studio.pipelines.takes.path_here import path_here
+from v3studio.studio.capture.settings import CameraName
+from v3studio.studio.settings import Empty, Heading, Settings, marker, submodel
+from v3studio.studio.storage import is_address
+from v3studio.studio.yaml_text import inline_yaml
 
 SECTIONS = {stage: (stage,) * (stage in Config.model_fields) for stage in TITLES} | {"review": ("evaluate", "run")}
 """Sections of the settings shown for each stage."""

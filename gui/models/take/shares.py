@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from gui.models.take.page_words import why_not_done
-from pipelines.runs.staleness import StageStatus
-from pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
-from studio.counts import counted, size_words
+from v3studio.gui.models.take.page_words import why_not_done
+from v3studio.pipelines.runs.staleness import StageStatus
+from v3studio.pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
+from v3studio.studio.counts import counted, size_words
 
 FORMS: dict[str, tuple[str, str]] = {  # forms of a share: label, and what its name ends in
     "folder": ("Folder for a web server", "-share"),

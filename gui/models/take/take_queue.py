@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from gui.models.loop import LOOP, Signal
-from gui.models.worker import Done, LatestWorker
-from pipelines.batch.queue_file import QueueFile, default_queue
-from pipelines.batch.run_queue import errors_of, start_queue
-from pipelines.config import load_config
-from pipelines.runs.status import progress
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.gui.models.loop import LOOP, Signal
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.pipelines.batch.queue_file import QueueFile, default_queue
+from v3studio.pipelines.batch.run_queue import errors_of, start_queue
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.runs.status import progress
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 LOOK_EVERY = 1.0  # seconds between two looks at the queue and at the log of the take that runs
 

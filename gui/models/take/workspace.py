@@ -10,26 +10,26 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from gui.models.history import Change, History
-from gui.models.loop import LOOP, Signal
-from gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
-from gui.models.stages import Inputs
-from gui.models.take.jobs import Job, is_paused, pause_process, stop_process
-from gui.models.take.page_words import in_page_words, why_not_done
-from gui.models.take.run_state import RunState
-from gui.models.take.settings import setting_value
-from gui.models.worker import Done, LatestWorker
-from pipelines.config import Config, load_config
-from pipelines.events import Finished
-from pipelines.events.event_log import LogFollower
-from pipelines.reports.terminal import duration
-from pipelines.takes.atomic_files import disk_errors
-from pipelines.takes.cancel_request import request_cancel
-from pipelines.takes.settings_file import save_config
-from pipelines.takes.take import Take
-from studio.errors import StudioError
-from studio.settings import OVERRIDES
-from studio.yaml_text import inline_yaml
+from v3studio.gui.models.history import Change, History
+from v3studio.gui.models.loop import LOOP, Signal
+from v3studio.gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
+from v3studio.gui.models.stages import Inputs
+from v3studio.gui.models.take.jobs import Job, is_paused, pause_process, stop_process
+from v3studio.gui.models.take.page_words import in_page_words, why_not_done
+from v3studio.gui.models.take.run_state import RunState
+from v3studio.gui.models.take.settings import setting_value
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.pipelines.config import Config, load_config
+from v3studio.pipelines.events import Finished
+from v3studio.pipelines.events.event_log import LogFollower
+from v3studio.pipelines.reports.terminal import duration
+from v3studio.pipelines.takes.atomic_files import disk_errors
+from v3studio.pipelines.takes.cancel_request import request_cancel
+from v3studio.pipelines.takes.settings_file import save_config
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
+from v3studio.studio.settings import OVERRIDES
+from v3studio.studio.yaml_text import inline_yaml
 
 LOOK_EVERY = 0.5  # seconds between two scans of the take's folder
 ASSESS_EVERY = 30.0  # seconds after which the stages are reassessed even without a visible change

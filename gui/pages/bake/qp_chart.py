@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.labels import draw_labels
-from gui.drawing.palette import ACCENT, DIM, RAISED, TEXT
-from gui.drawing.plots import Axes, limits
-from gui.models.stages import Trial
-from gui.pages.bake.qp_trial import QpTrial
-from gui.pages.stage_view import rectangle
-from studio.stream.settings import LEVELS
+from v3studio.gui.drawing.canvas import Canvas, line_height
+from v3studio.gui.drawing.labels import draw_labels
+from v3studio.gui.drawing.palette import ACCENT, DIM, RAISED, TEXT
+from v3studio.gui.drawing.plots import Axes, limits
+from v3studio.gui.models.stages import Trial
+from v3studio.gui.pages.bake.qp_trial import QpTrial
+from v3studio.gui.pages.stage_view import rectangle
+from v3studio.studio.stream.settings import LEVELS
 
 TABLE, TOP = 21.0, 5.2  # width of the table; height of what is above it; em
 ENDS = (2.5, 8.5, 13.5, 19.0)  # where its columns end, em

@@ -5,19 +5,19 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
-from gui.models.take.workspace import Workspace, modified
-from gui.pages.bake.qp_chart import draw_trial
-from gui.pages.bake.qp_trial import QpTrial
-from gui.pages.report_table import cells_text
-from gui.pages.stage_view import Size, StageView
-from pipelines.takes.frame_numbers import FrameNumbers
-from pipelines.takes.videos import capture_place
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.stream import StreamReader
-from studio.stream.attributes import components
+from v3studio.gui.drawing.canvas import Canvas, line_height
+from v3studio.gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.bake.qp_chart import draw_trial
+from v3studio.gui.pages.bake.qp_trial import QpTrial
+from v3studio.gui.pages.report_table import cells_text
+from v3studio.gui.pages.stage_view import Size, StageView
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.videos import capture_place
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import StreamReader
+from v3studio.studio.stream.attributes import components
 
 _ATTRIBUTES = dict(components(sh_degree=3))
 

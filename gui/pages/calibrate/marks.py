@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.models.take.workspace import modified
-from studio.calibration import TiePoint, read_tie_points, write_tie_points
-from studio.cameras import Camera, Rig
+from v3studio.gui.models.take.workspace import modified
+from v3studio.studio.calibration import TiePoint, read_tie_points, write_tie_points
+from v3studio.studio.cameras import Camera, Rig
 
 LEAST = 6  # recommended minimum of marks per camera
 
@@ -134,7 +134,7 @@ def _short(name: str) -> str:
 def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
     """Where calibrated cameras predict a point in another camera's image: (1, 2) its pixel, from marks in two or more
     other cameras; (N, 2) its epipolar line, from one mark; None if there are no other marks."""
-    from studio.calibration.manual.bootstrap import Observations, TieRig, triangulate
+    from v3studio.studio.calibration.manual.bootstrap import Observations, TieRig, triangulate
 
     others = [name for name in point.pixels if name != camera.name and name in rig]
     if not others:

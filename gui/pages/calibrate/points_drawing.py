@@ -6,16 +6,29 @@ from functools import partial
 import cv2
 import numpy as np
 
-from gui.drawing.areas import Areas, Box
-from gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
-from gui.drawing.labels import draw_labels
-from gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BLACK, DIM, FAIR, GOOD, GROUND, LINE, RAISED, RGB, TEXT
-from gui.models.playback.image_zoom import Magnifier
-from gui.pages.calibrate.marks import TieMarks
-from gui.pages.stage_view import rectangle
-from studio.calibration import TiePoint
-from studio.calibration.report import TiePointReport
-from studio.counts import counted
+from v3studio.gui.drawing.areas import Areas, Box
+from v3studio.gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
+from v3studio.gui.drawing.labels import draw_labels
+from v3studio.gui.drawing.palette import (
+    ACCENT,
+    ACCENT_DARK,
+    BAD,
+    BLACK,
+    DIM,
+    FAIR,
+    GOOD,
+    GROUND,
+    LINE,
+    RAISED,
+    RGB,
+    TEXT,
+)
+from v3studio.gui.models.playback.image_zoom import Magnifier
+from v3studio.gui.pages.calibrate.marks import TieMarks
+from v3studio.gui.pages.stage_view import rectangle
+from v3studio.studio.calibration import TiePoint
+from v3studio.studio.calibration.report import TiePointReport
+from v3studio.studio.counts import counted
 
 MOST_PICTURES = 6
 _LEAST_CROP = 50

@@ -6,24 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.areas import Box
-from gui.drawing.palette import FAIR
-from gui.models.held_out import held_out_first
-from gui.models.loop import Signal
-from gui.models.playback.image_zoom import Magnifier
-from gui.models.stages import Inputs
-from gui.models.take.workspace import Workspace, modified
-from gui.pages.calibrate.marks import TieMarks, advice, expected
-from gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, PointsImage, Spots
-from gui.pages.stage_view import Size, StageView
-from pipelines.takes.stage_files import read_cameras_report
-from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport, TiePointReport
-from studio.camera_files import read_rig
-from studio.cameras import Rig
-from studio.errors import StudioError
-from studio.memory_cache import MemoryCache
-from studio.storage import is_address
+from v3studio.gui.drawing.areas import Box
+from v3studio.gui.drawing.palette import FAIR
+from v3studio.gui.models.held_out import held_out_first
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.image_zoom import Magnifier
+from v3studio.gui.models.stages import Inputs
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.calibrate.marks import TieMarks, advice, expected
+from v3studio.gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, PointsImage, Spots
+from v3studio.gui.pages.stage_view import Size, StageView
+from v3studio.pipelines.takes.stage_files import read_cameras_report
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CalibrationReport, TiePointReport
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.storage import is_address
 
 
 class PointsView(StageView):
@@ -200,7 +200,7 @@ class PointsView(StageView):
             self._try(partial(self._mark, *magnifier.pixel(x, y)))
 
     def _mark(self, x: float, y: float) -> None:
-        from studio.calibration.manual.subpixel import snap
+        from v3studio.studio.calibration.manual.subpixel import snap
 
         assert self.marks is not None
         image = self._image(self.camera)

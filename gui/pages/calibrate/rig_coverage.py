@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.palette import BAD, FAIR, GOOD, GROUND, RGB
-from gui.models.scene.contents import Cloud
-from gui.models.take.inspector import Block
-from studio.cameras import Rig
-from studio.coverage import FADE, LARGEST_GAPS, ViewRange, facing_cameras, gaps, view_range
+from v3studio.gui.drawing.palette import BAD, FAIR, GOOD, GROUND, RGB
+from v3studio.gui.models.scene.contents import Cloud
+from v3studio.gui.models.take.inspector import Block
+from v3studio.studio.cameras import Rig
+from v3studio.studio.coverage import FADE, LARGEST_GAPS, ViewRange, facing_cameras, gaps, view_range
 
 FEW_CAMERAS = (
     "Few cameras: views from the directions that are not covered will be poor, and players fade them out. Add cameras "

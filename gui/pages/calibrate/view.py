@@ -6,30 +6,30 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, text_width
-from gui.drawing.labels import draw_labels
-from gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
-from gui.models.held_out import held_out_cameras, held_out_first
-from gui.models.scene.contents import Cloud, Lines, SceneCamera, SceneContents, cloud, frustum_length
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small_image
-from gui.models.scene.render import draw_contents, frusta_places
-from gui.models.take.inspector import Block
-from gui.models.take.page_words import in_page_words
-from gui.models.take.workspace import Workspace, modified
-from gui.pages.calibrate.rig_coverage import RigCoverage
-from gui.pages.report_table import CAMERA, Sorting, cells_text
-from gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
-from pipelines.takes.point_files import read_sparse_points, read_surface
-from pipelines.takes.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
-from pipelines.takes.take import Take
-from studio.calibration.report import CalibrationReport, CameraReport
-from studio.camera_files import read_rig
-from studio.cameras import Camera, Rig
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.memory_cache import MemoryCache
-from studio.own_frame import in_own_frame
+from v3studio.gui.drawing.canvas import Canvas, line_height, text_width
+from v3studio.gui.drawing.labels import draw_labels
+from v3studio.gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
+from v3studio.gui.models.held_out import held_out_cameras, held_out_first
+from v3studio.gui.models.scene.contents import Cloud, Lines, SceneCamera, SceneContents, cloud, frustum_length
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small_image
+from v3studio.gui.models.scene.render import draw_contents, frusta_places
+from v3studio.gui.models.take.inspector import Block
+from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.calibrate.rig_coverage import RigCoverage
+from v3studio.gui.pages.report_table import CAMERA, Sorting, cells_text
+from v3studio.gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
+from v3studio.pipelines.takes.point_files import read_sparse_points, read_surface
+from v3studio.pipelines.takes.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CalibrationReport, CameraReport
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import MemoryCache
+from v3studio.studio.own_frame import in_own_frame
 
 AGREES: tuple[str, RGB] = ("agrees with the others", GOOD)
 DISAGREES: tuple[str, RGB] = ("disagrees with the others", BAD)

@@ -7,18 +7,18 @@ import cv2
 import numpy as np
 import torch
 
-from gui.drawing.canvas import Canvas, wrapped
-from gui.drawing.compare import boxes
-from gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
-from gui.models.stages import Inputs
-from gui.models.take.workspace import Workspace, modified
-from gui.pages.stage_view import Size, StageView, rectangle, sentence
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.stage_files import CameraColors
-from studio.cameras import FootageView
-from studio.counts import counted
-from studio.errors import StudioError
-from studio.memory_cache import MemoryCache
+from v3studio.gui.drawing.canvas import Canvas, wrapped
+from v3studio.gui.drawing.compare import boxes
+from v3studio.gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
+from v3studio.gui.models.stages import Inputs
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.studio.cameras import FootageView
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import MemoryCache
 
 OFF = (
     "The colors of the cameras are not corrected. If cameras differ in exposure, white balance or model, set "
@@ -114,8 +114,8 @@ class CameraColorsView(StageView):
 
 def pair(view: FootageView, colors: CameraColors) -> tuple[np.ndarray, np.ndarray]:
     """A camera's image and the image in the colors of the mean camera, (H, W, 3) uint8, cropped to the performer."""
-    from studio.color_fit import uncorrected
-    from studio.training.views import mask_box
+    from v3studio.studio.color_fit import uncorrected
+    from v3studio.studio.training.views import mask_box
 
     name = view.camera.name
     left, top, width, height = mask_box(view.mask, MARGIN, name)

@@ -7,19 +7,24 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import BAD, FAIR, GOOD
-from gui.models.history import Change
-from gui.models.loop import Signal
-from gui.models.playback.image_zoom import Magnifier
-from gui.models.take.settings import setting_value
-from gui.models.take.workspace import Workspace
-from pipelines.takes.atomic_files import disk_errors, remove
-from pipelines.takes.drawn_masks import DRAWN, file_of_garbage
-from studio.atomic_files import write_bytes
-from studio.errors import StudioError
-from studio.masks.garbage_polygons import EXTENSIONS, GarbagePolygons, read_garbage_polygons, write_garbage_polygons
-from studio.storage import is_address
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.palette import BAD, FAIR, GOOD
+from v3studio.gui.models.history import Change
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.image_zoom import Magnifier
+from v3studio.gui.models.take.settings import setting_value
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.pipelines.takes.atomic_files import disk_errors, remove
+from v3studio.pipelines.takes.drawn_masks import DRAWN, file_of_garbage
+from v3studio.studio.atomic_files import write_bytes
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.garbage_polygons import (
+    EXTENSIONS,
+    GarbagePolygons,
+    read_garbage_polygons,
+    write_garbage_polygons,
+)
+from v3studio.studio.storage import is_address
 
 SETTING = "capture.garbage_masks"
 Polygons = Mapping[str, GarbagePolygons]

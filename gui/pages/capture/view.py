@@ -7,26 +7,26 @@ from collections.abc import Callable, Hashable, Sequence
 import cv2
 import numpy as np
 
-from gui.drawing.canvas import Canvas, line_height, shortened, wrapped
-from gui.drawing.compare import boxes
-from gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
-from gui.models.held_out import held_out_first
-from gui.models.playback.image_zoom import Magnifier
-from gui.models.stages import Inputs
-from gui.models.take.inspector import Block
-from gui.models.take.page_words import in_page_words
-from gui.models.take.workspace import Workspace, modified
-from gui.models.worker import Done, LatestWorker
-from gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
-from gui.pages.stage_view import Size, StageView, rectangle, sentence
-from studio.camera_files import read_rig
-from studio.cameras import Rig
-from studio.capture import Footage, check_footage, open_footage
-from studio.capture.checks import ColorDrift
-from studio.counts import counted
-from studio.errors import Cancelled, StudioError
-from studio.masks.agreement.source import AgreedMaskSource
-from studio.memory_cache import image_cache
+from v3studio.gui.drawing.canvas import Canvas, line_height, shortened, wrapped
+from v3studio.gui.drawing.compare import boxes
+from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
+from v3studio.gui.models.held_out import held_out_first
+from v3studio.gui.models.playback.image_zoom import Magnifier
+from v3studio.gui.models.stages import Inputs
+from v3studio.gui.models.take.inspector import Block
+from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
+from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.capture import Footage, check_footage, open_footage
+from v3studio.studio.capture.checks import ColorDrift
+from v3studio.studio.counts import counted
+from v3studio.studio.errors import Cancelled, StudioError
+from v3studio.studio.masks.agreement.source import AgreedMaskSource
+from v3studio.studio.memory_cache import image_cache
 
 MASKS = "masks"  # the mode that darkens the background; without any mode, images are shown as filmed
 GARBAGE = "garbage masks"  # the mode in which they are drawn

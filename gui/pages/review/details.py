@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from gui.drawing.palette import RGB
-from gui.models.scene.contents import Lines
-from gui.models.scene.handles import Handle, picked
-from pipelines.takes.edited import followed
-from pipelines.takes.take import Take
-from studio.cameras import Camera
-from studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
+from v3studio.gui.drawing.palette import RGB
+from v3studio.gui.models.scene.contents import Lines
+from v3studio.gui.models.scene.handles import Handle, picked
+from v3studio.pipelines.takes.edited import followed
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.cameras import Camera
+from v3studio.studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
 
 SIZE = 0.1  # radius of a new ball, relative to the performer's largest extent: a little more than a head's
 _DEEP = 0.6  # how far behind the clicked point the middle of a ball is, in radii

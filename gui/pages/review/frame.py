@@ -4,17 +4,17 @@ from bisect import bisect_right
 
 import numpy as np
 
-from gui.pages.review.tools import FLOATERS
-from pipelines.takes.edited import edits_of_group, read_paths
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.frame_numbers import trained_groups
-from pipelines.takes.groups import Group
-from pipelines.takes.take import Take
-from studio.edits.edit_list import EditList, Floaters
-from studio.edits.selection import Paths, Selection, select
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.memory_cache import MemoryCache
+from v3studio.gui.pages.review.tools import FLOATERS
+from v3studio.pipelines.takes.edited import edits_of_group, read_paths
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frame_numbers import trained_groups
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits.edit_list import EditList, Floaters
+from v3studio.studio.edits.selection import Paths, Selection, select
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.memory_cache import MemoryCache
 
 SEEN = 0.1  # opacity of splats that are clicked, and that a new box surrounds
 KEPT = 8  # selections that are kept: a drag compares two, a proposal a few more

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import DIM, FAIR, GROUND, LINE, SECOND, TEXT
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.palette import DIM, FAIR, GROUND, LINE, SECOND, TEXT
 
 BINS = 50
 LEAST, MOST = 0.005, 1.0  # limits that can be dragged to; 0 is not one

@@ -6,9 +6,9 @@ from contextlib import suppress
 import numpy as np
 from pydantic import ValidationError
 
-from studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, World
-from studio.errors import violation
-from studio.rotations import matrices_to_quats
+from v3studio.studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, World
+from v3studio.studio.errors import violation
+from v3studio.studio.rotations import matrices_to_quats
 
 Field = tuple[str, str, str]
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import ACCENT, AXES, BAD, FAIR, GROUND, TEXT
-from gui.models.scene.compose import SplatLayer, Surfaces, compose
-from gui.models.scene.contents import Color, Lines
-from gui.models.scene.fragments import line_fragments, point_fragments
-from gui.models.scene.handles import Handle
-from studio.cameras import Camera
-from studio.gaussians import SH_C0, Gaussians
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.palette import ACCENT, AXES, BAD, FAIR, GROUND, TEXT
+from v3studio.gui.models.scene.compose import SplatLayer, Surfaces, compose
+from v3studio.gui.models.scene.contents import Color, Lines
+from v3studio.gui.models.scene.fragments import line_fragments, point_fragments
+from v3studio.gui.models.scene.handles import Handle
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import SH_C0, Gaussians
 
 MANY = 3000  # selected splats from which on their dots are small
 

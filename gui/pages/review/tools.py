@@ -1,8 +1,8 @@
 """The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
 
-from gui.pages.choices import Choice
-from studio.counts import counted
-from studio.edits.edit_list import Floaters
+from v3studio.gui.pages.choices import Choice
+from v3studio.studio.counts import counted
+from v3studio.studio.edits.edit_list import Floaters
 
 EDIT_CHOICES: tuple[Choice, ...] = (
     ("done", "Done", "Leave the edits and show the take again"),

@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from gui.drawing import compare
-from gui.drawing.canvas import Canvas, wrapped
-from gui.drawing.palette import ACCENT, DIM, FAIR, TEXT
-from gui.models.history import Change
-from gui.models.loop import Signal
-from gui.models.playback.viewpoint import BACKGROUNDS, Viewpoint
-from gui.models.scene.compose import SplatLayer, draw_layer
-from gui.models.scene.contents import Lines, axis_lines, box_lines, grid_lines
-from gui.models.scene.handles import (
+from v3studio.gui.drawing import compare
+from v3studio.gui.drawing.canvas import Canvas, wrapped
+from v3studio.gui.drawing.palette import ACCENT, DIM, FAIR, TEXT
+from v3studio.gui.models.history import Change
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.playback.viewpoint import BACKGROUNDS, Viewpoint
+from v3studio.gui.models.scene.compose import SplatLayer, draw_layer
+from v3studio.gui.models.scene.contents import Lines, axis_lines, box_lines, grid_lines
+from v3studio.gui.models.scene.handles import (
     Handle,
     crop_handles,
     default_crop,
@@ -27,22 +27,22 @@ from gui.models.scene.handles import (
     picked,
     up_of,
 )
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.take.workspace import Workspace
-from gui.pages.review import picture
-from gui.pages.review.details import detail_handles, detail_lines, marked, resized
-from gui.pages.review.frame import EditedFrame
-from gui.pages.review.histogram import HistogramPlace, draw_histogram
-from gui.pages.review.picture import Stroke
-from gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
-from gui.pages.stage_view import Size, StageView
-from pipelines.takes.edits import change_edits, describe
-from pipelines.takes.frame_numbers import FrameNumbers
-from pipelines.takes.take import Take
-from studio.cameras import Camera
-from studio.counts import counted
-from studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
-from studio.errors import StudioError
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.review import picture
+from v3studio.gui.pages.review.details import detail_handles, detail_lines, marked, resized
+from v3studio.gui.pages.review.frame import EditedFrame
+from v3studio.gui.pages.review.histogram import HistogramPlace, draw_histogram
+from v3studio.gui.pages.review.picture import Stroke
+from v3studio.gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, hint
+from v3studio.gui.pages.stage_view import Size, StageView
+from v3studio.pipelines.takes.edits import change_edits, describe
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.cameras import Camera
+from v3studio.studio.counts import counted
+from v3studio.studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
+from v3studio.studio.errors import StudioError
 
 NOBODY = "There are no splats under the pointer. Click on the performer."
 

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from gui.models.stages import STAGES
-from pipelines.config import load_config
-from pipelines.runs import runner
-from pipelines.runs.staleness import StageStatus
-from pipelines.runs.status import progress
-from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.take import Take
-from studio.comparison.metrics import MAIN
-from studio.counts import listed, size_words
-from studio.errors import StudioError
-from studio.stream import is_address
+from v3studio.gui.models.stages import STAGES
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.runs import runner
+from v3studio.pipelines.runs.staleness import StageStatus
+from v3studio.pipelines.runs.status import progress
+from v3studio.pipelines.takes.evaluation import read_evaluation
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison.metrics import MAIN
+from v3studio.studio.counts import listed, size_words
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import is_address
 
 MEASURE_EVERY = 60.0
 """Seconds between two measurements of the size of a take that is running: all its files are looked at, and a new size

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from gui.drawing.areas import Areas, Box
-from gui.drawing.canvas import ROUND, Canvas, line_height, text_width, wrapped
-from gui.drawing.palette import (
+from v3studio.gui.drawing.areas import Areas, Box
+from v3studio.gui.drawing.canvas import ROUND, Canvas, line_height, text_width, wrapped
+from v3studio.gui.drawing.palette import (
     ACCENT,
     ACCENT_DARK,
     BAD,
@@ -22,10 +22,10 @@ from gui.drawing.palette import (
     STATE_COLORS,
     TEXT,
 )
-from gui.models.take.take_queue import QueueRow
-from gui.pages.start.cards import Card, date_words
-from gui.pages.start.page import StartPage
-from studio.comparison.metrics import MAIN
+from v3studio.gui.models.take.take_queue import QueueRow
+from v3studio.gui.pages.start.cards import Card, date_words
+from v3studio.gui.pages.start.page import StartPage
+from v3studio.studio.comparison.metrics import MAIN
 
 BUTTONS = (
     ("new", "New take from footage", "From a folder of videos or images"),

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gui.drawing.areas import Box
-from gui.models.loop import Signal
-from gui.models.take.take_queue import TakeQueue
-from gui.models.worker import Done, LatestWorker
-from gui.pages.start.cards import Card, describe, fingerprint
-from gui.pages.start.thumbnail import thumbnail
-from studio.stream import is_address
+from v3studio.gui.drawing.areas import Box
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.take.take_queue import TakeQueue
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.gui.pages.start.cards import Card, describe, fingerprint
+from v3studio.gui.pages.start.thumbnail import thumbnail
+from v3studio.studio.stream import is_address
 
 LOOK_EVERY = 3.0  # seconds between two looks at a card's files
 

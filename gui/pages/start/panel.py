@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from open3d.visualization import gui
 
-from gui.pages.start.drawing import HINTS, StartImage
-from gui.pages.start.page import StartPage
-from gui.widgets.picture import ImagePanel
+from v3studio.gui.pages.start.drawing import HINTS, StartImage
+from v3studio.gui.pages.start.page import StartPage
+from v3studio.gui.widgets.picture import ImagePanel
 
 _MOVES = {gui.KeyName.LEFT: (-1, 0), gui.KeyName.RIGHT: (1, 0), gui.KeyName.UP: (0, -1), gui.KeyName.DOWN: (0, 1)}
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gui.models.playback.sources import body_of, first_whole, open_path
-from gui.models.playback.viewpoint import BACKGROUNDS
-from gui.models.scene.compose import draw
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.stages import Inputs
-from gui.models.take.workspace import modified
-from pipelines.config import load_config
-from studio.atomic_files import write_bytes
-from studio.storage.cache import cache_folder
-from studio.stream import is_address
+from v3studio.gui.models.playback.sources import body_of, first_whole, open_path
+from v3studio.gui.models.playback.viewpoint import BACKGROUNDS
+from v3studio.gui.models.scene.compose import draw
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.stages import Inputs
+from v3studio.gui.models.take.workspace import modified
+from v3studio.pipelines.config import load_config
+from v3studio.studio.atomic_files import write_bytes
+from v3studio.studio.storage.cache import cache_folder
+from v3studio.studio.stream import is_address
 
 SIZE = (480, 270)  # width and height of a thumbnail, pixels: enough for a card on a screen of double density
 KEPT = 100  # files that are kept in the cache folder

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT_DARK, DIM
-from gui.models.loop import LOOP
-from gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
-from gui.platform.keyboard import BACKSPACE, END, HOME, TAB, send_key, tap_key, type_keys
-from gui.platform.presses import typed_code
-from gui.widgets.picture import ImagePanel, color, make_button, make_label
+from v3studio.gui.drawing.palette import ACCENT_DARK, DIM
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
+from v3studio.gui.platform.keyboard import BACKSPACE, END, HOME, TAB, send_key, tap_key, type_keys
+from v3studio.gui.platform.presses import typed_code
+from v3studio.gui.widgets.picture import ImagePanel, color, make_button, make_label
 
 TAB_DOWN, TAB_UP = 3, 5
 """Number of frames drawn of a dialog with a text field before Tab is pressed, and has surely had its effect."""

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 
 from open3d.visualization import gui
 
-from gui.models.held_out import held_out_first
-from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.dialogs.form import refusal
-from gui.widgets.picture import lowered
+from v3studio.gui.models.held_out import held_out_first
+from v3studio.gui.widgets.dialogs.base import Dialogs
+from v3studio.gui.widgets.dialogs.form import refusal
+from v3studio.gui.widgets.picture import lowered
 
 ROWS, COLUMNS = 17, 2  # of a page of cameras
 

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 
 from open3d.visualization import gui
 
-from gui.platform.keyboard import DOWN, PAGE_DOWN, PAGE_UP, UP
-from gui.platform.presses import key_code
-from gui.widgets.command_list import ROWS, Command, CommandList, row_height, search
-from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.picture import ImagePanel
+from v3studio.gui.platform.keyboard import DOWN, PAGE_DOWN, PAGE_UP, UP
+from v3studio.gui.platform.presses import key_code
+from v3studio.gui.widgets.command_list import ROWS, Command, CommandList, row_height, search
+from v3studio.gui.widgets.dialogs.base import Dialogs
+from v3studio.gui.widgets.picture import ImagePanel
 
 NAME = "commands"
 WIDTH = 42  # width of the list, em

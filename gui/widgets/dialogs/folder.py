@@ -6,10 +6,10 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.palette import ACCENT
-from gui.models.folders import FolderList
-from gui.widgets.dialogs.base import Dialogs, filled, in_lines
-from gui.widgets.picture import make_label
+from v3studio.gui.drawing.palette import ACCENT
+from v3studio.gui.models.folders import FolderList
+from v3studio.gui.widgets.dialogs.base import Dialogs, filled, in_lines
+from v3studio.gui.widgets.picture import make_label
 
 ROWS = 12
 

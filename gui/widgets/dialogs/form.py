@@ -7,11 +7,11 @@ from typing import Any
 
 from open3d.visualization import gui
 
-from gui.drawing.canvas import text_width
-from gui.drawing.palette import BAD
-from gui.widgets.dialogs.base import Answer, Dialogs, broken
-from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.picture import lowered, make_label
+from v3studio.gui.drawing.canvas import text_width
+from v3studio.gui.drawing.palette import BAD
+from v3studio.gui.widgets.dialogs.base import Answer, Dialogs, broken
+from v3studio.gui.widgets.dialogs.folder import ask_path
+from v3studio.gui.widgets.picture import lowered, make_label
 
 FIELD, PATH = 16, 28  # least width of a field in em: three numbers with signs fit; of those of a form with a path
 

@@ -6,21 +6,21 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from gui.drawing.canvas import text_width, wrapped
-from gui.drawing.footage_sheet import FootageSheet
-from gui.drawing.palette import BAD, DIM
-from gui.models.loop import LOOP
-from gui.models.take.page_words import in_page_words
-from gui.models.worker import Done, LatestWorker
-from gui.widgets.dialogs.base import Dialogs, exactly
-from gui.widgets.dialogs.folder import ask_path
-from gui.widgets.dialogs.form import Form
-from gui.widgets.picture import ImagePanel, color, lowered, put
-from gui.widgets.settings import PRESET
-from pipelines.config.presets import PRESETS
-from pipelines.new_take import CALIBRATE, Found, NewTake, uses_words
-from pipelines.takes.camera_uses import USES
-from studio.errors import Cancelled, StudioError
+from v3studio.gui.drawing.canvas import text_width, wrapped
+from v3studio.gui.drawing.footage_sheet import FootageSheet
+from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.gui.models.worker import Done, LatestWorker
+from v3studio.gui.widgets.dialogs.base import Dialogs, exactly
+from v3studio.gui.widgets.dialogs.folder import ask_path
+from v3studio.gui.widgets.dialogs.form import Form
+from v3studio.gui.widgets.picture import ImagePanel, color, lowered, put
+from v3studio.gui.widgets.settings import PRESET
+from v3studio.pipelines.config.presets import PRESETS
+from v3studio.pipelines.new_take import CALIBRATE, Found, NewTake, uses_words
+from v3studio.pipelines.takes.camera_uses import USES
+from v3studio.studio.errors import Cancelled, StudioError
 
 NAME = "new take"
 FOUND_LINES = 6  # lines of the summary

@@ -7,14 +7,14 @@ from functools import cached_property
 import numpy as np
 from open3d.visualization import gui
 
-from gui.drawing.canvas import Canvas, line_height
-from gui.drawing.compare import Box, boxes, label
-from gui.drawing.palette import DIALOG, DIM, HELD_OUT, RAISED, TEXT
-from gui.models.evaluation import Evaluation, WorstFrame
-from gui.models.loop import LOOP
-from gui.widgets.dialogs.base import Dialogs
-from gui.widgets.picture import ImagePanel
-from studio.comparison.metrics import EVALUATED, MAIN
+from v3studio.gui.drawing.canvas import Canvas, line_height
+from v3studio.gui.drawing.compare import Box, boxes, label
+from v3studio.gui.drawing.palette import DIALOG, DIM, HELD_OUT, RAISED, TEXT
+from v3studio.gui.models.evaluation import Evaluation, WorstFrame
+from v3studio.gui.models.loop import LOOP
+from v3studio.gui.widgets.dialogs.base import Dialogs
+from v3studio.gui.widgets.picture import ImagePanel
+from v3studio.studio.comparison.metrics import EVALUATED, MAIN
 
 NAME = "worst"
 MOST = 9  # frames that are shown

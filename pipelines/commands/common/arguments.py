@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
-from studio.capture.frame_range import parse_frame_range
-from studio.errors import StudioError
+from v3studio.studio.capture.frame_range import parse_frame_range
+from v3studio.studio.errors import StudioError
 
 _SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
@@ -175,6 +175,6 @@ def overrides(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
     given = getattr(arguments, "set", [])  # not every command has settings
     if not given:
         return []
-    from pipelines.config.loading import parse_override
+    from v3studio.pipelines.config.loading import parse_override
 
     return [parse_override(text) for text in given]

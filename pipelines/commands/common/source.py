@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.commands.common.arguments import add_settings
-from studio.storage.address import StoreAddress, is_address
+from v3studio.pipelines.commands.common.arguments import add_settings
+from v3studio.studio.storage.address import StoreAddress, is_address
 
 if TYPE_CHECKING:
-    from pipelines.config import Config
+    from v3studio.pipelines.config import Config
 
 PRESETS = ("preview", "standard", "final")  # names of `pipelines.config.presets.PRESETS`, which takes long to import
 
@@ -60,11 +60,11 @@ def read_settings(
     `source` None: those of `take`, the folder of the take that they are for, if any, or the defaults if there is none
     yet. If it exists, footage gets its settings.
     """
-    from pipelines.config import load_config
-    from pipelines.config.presets import PRESETS as VALUES
-    from pipelines.config.presets import preset_here
-    from pipelines.takes.drawn_masks import for_another_take
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.config.presets import PRESETS as VALUES
+    from v3studio.pipelines.config.presets import preset_here
+    from v3studio.pipelines.takes.drawn_masks import for_another_take
+    from v3studio.pipelines.takes.take import Take
 
     given: list[tuple[str, Any]] = []
     file = source

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pipelines.events import Log, Progress
-from pipelines.events.cancellation import Cancellation, stop_on_signals
-from studio.progress import ProgressFn
+from v3studio.pipelines.events import Log, Progress
+from v3studio.pipelines.events.cancellation import Cancellation, stop_on_signals
+from v3studio.studio.progress import ProgressFn
 
 _JSON_SECONDS = 0.2  # between lines
 
@@ -26,7 +26,7 @@ def working(what: str, arguments: argparse.Namespace) -> Iterator[ProgressFn]:
     """A `ProgressFn` that shows a progress bar or, with `--json`, prints lines, and raises Cancelled after Ctrl-C."""
     from rich import progress as rich
 
-    from pipelines.reports.terminal import console
+    from v3studio.pipelines.reports.terminal import console
 
     cancellation = Cancellation()
     screen = console()

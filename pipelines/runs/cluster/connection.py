@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 NAMESPACE = "v3studio"
 ADDRESS_VARIABLE = "V3STUDIO_RAY_ADDRESS"

@@ -6,10 +6,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipelines.runs.cluster.connection import ADDRESS_VARIABLE, connected
-from pipelines.runs.launch import ERRORS, Launched, launch, until_begun
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.pipelines.runs.cluster.connection import ADDRESS_VARIABLE, connected
+from v3studio.pipelines.runs.launch import ERRORS, Launched, launch, until_begun
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 
 class Starter:

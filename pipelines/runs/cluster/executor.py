@@ -12,19 +12,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.events import GroupState, Metrics, Preview, Progress, Warned
-from pipelines.events.event_log import LogFollower
-from pipelines.runs.cluster.lanes import Lanes
-from pipelines.runs.cluster.nodes import Nodes, Wanted
-from pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
-from pipelines.runs.work import cpus_of_group
-from pipelines.stages import Stage
-from pipelines.stages.group_scheduler import groups_at_once, memory_of_group
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import remove
-from pipelines.takes.groups import Group
-from studio.errors import Message, StudioError
+from v3studio.pipelines.events import GroupState, Metrics, Preview, Progress, Warned
+from v3studio.pipelines.events.event_log import LogFollower
+from v3studio.pipelines.runs.cluster.lanes import Lanes
+from v3studio.pipelines.runs.cluster.nodes import Nodes, Wanted
+from v3studio.pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
+from v3studio.pipelines.runs.work import cpus_of_group
+from v3studio.pipelines.stages import Stage
+from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import remove
+from v3studio.pipelines.takes.groups import Group
+from v3studio.studio.errors import Message, StudioError
 
 _WAIT = 0.3  # seconds between two looks at the cluster, and before a cancelled run notices it
 RETRIES = 3  # how often a group is started again after its worker was lost

@@ -3,9 +3,9 @@
 import time
 from dataclasses import replace
 
-from pipelines.events import Emit, GroupState, Metrics, Progress
-from pipelines.takes.groups import Group
-from studio.counts import counted
+from v3studio.pipelines.events import Emit, GroupState, Metrics, Progress
+from v3studio.pipelines.takes.groups import Group
+from v3studio.studio.counts import counted
 
 
 class Lanes:

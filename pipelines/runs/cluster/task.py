@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studio.errors import Message, StudioError
-from studio.process import passive_openmp
-from studio.storage import is_address
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.process import passive_openmp
+from v3studio.studio.storage import is_address
 
 if TYPE_CHECKING:
-    from pipelines.events import Event
+    from v3studio.pipelines.events import Event
 
 _PROGRESS_SECONDS = 0.5  # shortest interval between two progress events of a task: hundreds of tasks write them
 
@@ -70,7 +70,7 @@ class GroupTask:
 
 def versions() -> tuple[str, str]:
     """Of V3 Studio and of Python ("3.11")."""
-    from pipelines.version import program_version
+    from v3studio.pipelines.version import program_version
 
     return program_version(), ".".join(platform.python_version_tuple()[:2])
 
@@ -118,11 +118,11 @@ def _do_when_visible(task: GroupTask, node: str) -> None:
 
 
 def do_task(task: GroupTask, node: str) -> None:
-    from pipelines.config import load_config
-    from pipelines.events import GroupState, Metrics, Preview, Progress, Warned
-    from pipelines.events.event_log import EventLog
-    from pipelines.runs.work import work
-    from pipelines.takes.take import Take
+    from v3studio.pipelines.config import load_config
+    from v3studio.pipelines.events import GroupState, Metrics, Preview, Progress, Warned
+    from v3studio.pipelines.events.event_log import EventLog
+    from v3studio.pipelines.runs.work import work
+    from v3studio.pipelines.takes.take import Take
 
     take = Take.open(_here(Path(task.take, "take.json"), "take", task).parent)
     with contextlib.suppress(OSError):
@@ -148,7 +148,7 @@ def do_task(task: GroupTask, node: str) -> None:
 
 def _here(path: Path, what: str, task: GroupTask) -> Path:
     """Where the take or the footage is on this node."""
-    from pipelines.takes.path_here import is_there, places_to_look
+    from v3studio.pipelines.takes.path_here import is_there, places_to_look
 
     places = places_to_look(path, dict(task.paths))
     found = next((place for place in places if is_there(place)), None)

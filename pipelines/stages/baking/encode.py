@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import BakePlan, Part, group_to_bake, stream_cameras
-from pipelines.stages.baking.rungs import finetuned_frames, finetuned_rungs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import digest_of_file, remove, write_model
-from pipelines.takes.edited import EditedGroup
-from pipelines.takes.stage_files import BakedGroupNote
-from studio.memory_cache import OnDemand
+from v3studio.pipelines.stages.baking.measures import RenderedError, rendered_contribution
+from v3studio.pipelines.stages.baking.plan import BakePlan, Part, group_to_bake, stream_cameras
+from v3studio.pipelines.stages.baking.rungs import finetuned_frames, finetuned_rungs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import digest_of_file, remove, write_model
+from v3studio.pipelines.takes.edited import EditedGroup
+from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:
-    from studio.gaussians import Gaussians
+    from v3studio.studio.gaussians import Gaussians
 
 
 def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
@@ -27,8 +27,8 @@ def encode_once(plan: BakePlan, part: Part, reporter: StageReporter, start: floa
 
 def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, stop: float) -> BakedGroupNote:
     """Encode a part into the work folder; arguments as for `encode_once`."""
-    from studio.stream import bake_group
-    from studio.stream.suggested_view import seen_box
+    from v3studio.studio.stream import bake_group
+    from v3studio.studio.stream.suggested_view import seen_box
 
     inputs, settings = plan.inputs, plan.inputs.config.bake
     remove(plan.note_path(part))

@@ -7,20 +7,20 @@ from collections.abc import Set
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages import CHAIN, stage_named
-from pipelines.stages.baking.encode import encode_once
-from pipelines.stages.baking.plan import BakePlan
-from pipelines.stages.baking.publish import publish
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.stage_files import BakedGroupNote
-from pipelines.takes.take import Take
-from studio.errors import Cancelled, Message, StudioError
-from studio.json_types import JsonData
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages import CHAIN, stage_named
+from v3studio.pipelines.stages.baking.encode import encode_once
+from v3studio.pipelines.stages.baking.plan import BakePlan
+from v3studio.pipelines.stages.baking.publish import publish
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Cancelled, Message, StudioError
+from v3studio.studio.json_types import JsonData
 
 if TYPE_CHECKING:
-    from studio.stream import GroupEntry
+    from v3studio.studio.stream import GroupEntry
 
 
 class LiveBake:
@@ -84,7 +84,7 @@ class LiveBake:
             self._reporter.warn(Message("bake.live_failed", problem, fix=fix))
 
     def _bake_all(self) -> None:
-        from studio.stream import GroupEntry
+        from v3studio.studio.stream import GroupEntry
 
         plan = BakePlan(self._inputs)
         old = _published(self._inputs.take)
@@ -113,7 +113,7 @@ class LiveBake:
 
 def _published(take: Take) -> list[GroupEntry]:
     """Groups of the take's stream; none if there is no valid one."""
-    from studio.stream import StreamReader
+    from v3studio.studio.stream import StreamReader
 
     with suppress(StudioError), StreamReader.open(take.stream) as reader:
         return [reader.index.group(number) for number in range(len(reader.index))]

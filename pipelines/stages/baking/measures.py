@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.reports.images import render
-from studio.comparison import padded_box
+from v3studio.pipelines.reports.images import render
+from v3studio.studio.comparison import padded_box
 
 if TYPE_CHECKING:
-    from studio.cameras import Camera
-    from studio.gaussians import Gaussians
+    from v3studio.studio.cameras import Camera
+    from v3studio.studio.gaussians import Gaussians
 
 _WIDTH = 640  # largest width of rendered images in pixels
 
@@ -53,7 +53,7 @@ def rendered_contribution(
     frames: Sequence[Gaussians], cameras: Sequence[Camera], device: str, check: Callable[[], None]
 ) -> np.ndarray:
     """(N,) float64: splats' blending weights in all training views of the first, middle and last frame."""
-    from studio.rasterizer.contribution import contribution
+    from v3studio.studio.rasterizer.contribution import contribution
 
     total: np.ndarray | None = None
     for position in sorted({0, len(frames) // 2, len(frames) - 1}):

@@ -6,20 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.stages import stage_named
-from pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import key_of, settings_affecting
-from pipelines.takes.atomic_files import digest_of_file, read_model
-from pipelines.takes.edited import EditedGroup, edits_of_group
-from pipelines.takes.edits import edit_params, no_frames_left
-from pipelines.takes.frame_numbers import FrameNumbers
-from pipelines.takes.groups import Group
-from pipelines.takes.stage_files import BakedGroupNote
-from pipelines.takes.take import group_name
-from studio.cameras import Camera
-from studio.edits.edit_list import Trim
-from studio.stream.attributes import VERSION
+from v3studio.pipelines.stages import stage_named
+from v3studio.pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import key_of, settings_affecting
+from v3studio.pipelines.takes.atomic_files import digest_of_file, read_model
+from v3studio.pipelines.takes.edited import EditedGroup, edits_of_group
+from v3studio.pipelines.takes.edits import edit_params, no_frames_left
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.pipelines.takes.take import group_name
+from v3studio.studio.cameras import Camera
+from v3studio.studio.edits.edit_list import Trim
+from v3studio.studio.stream.attributes import VERSION
 
 STAGE = stage_named("bake")
 

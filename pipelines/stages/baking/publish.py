@@ -7,26 +7,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.stages.baking.plan import BakePlan, stream_cameras
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy
-from pipelines.takes.stage_files import BakedGroupNote
-from studio.edits.edit_list import UP
-from studio.errors import Message
+from v3studio.pipelines.stages.baking.plan import BakePlan, stream_cameras
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy
+from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.studio.edits.edit_list import UP
+from v3studio.studio.errors import Message
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from studio.capture import Footage
-    from studio.edits.edit_list import Trim
-    from studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
+    from v3studio.studio.capture import Footage
+    from v3studio.studio.edits.edit_list import Trim
+    from v3studio.studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
 
 SHORT_SOUND = 0.05  # seconds of silence at an end of the sound that a warning reports
 
 
 def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporter: StageReporter) -> Manifest:
     """Write the take's stream; until then it is the earlier one. `live`: more groups follow, the last with sound."""
-    from studio.stream import GroupEntry, write_manifest
+    from v3studio.studio.stream import GroupEntry, write_manifest
 
     inputs, stream = plan.inputs, plan.inputs.take.stream
     entries = [GroupEntry.from_dict(note.entry) for note in notes]
@@ -52,7 +52,7 @@ def _put(plan: BakePlan, path: str, digest: str) -> None:
 
 def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageReporter) -> AudioEntry | None:
     """Encode the sound into the work folder, in seconds; warns of what it lacks."""
-    from studio.stream import bake_sound
+    from v3studio.studio.stream import bake_sound
 
     if footage.sound is None:
         return None
@@ -74,12 +74,12 @@ def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageRep
 def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
     """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
     camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
-    from studio.camera_files import read_rig
-    from studio.coverage import view_range
-    from studio.own_frame import own_frame, undone
-    from studio.stream import StreamMetadata
-    from studio.stream.metadata import CapturePlace
-    from studio.stream.suggested_view import suggested_view
+    from v3studio.studio.camera_files import read_rig
+    from v3studio.studio.coverage import view_range
+    from v3studio.studio.own_frame import own_frame, undone
+    from v3studio.studio.stream import StreamMetadata
+    from v3studio.studio.stream.metadata import CapturePlace
+    from v3studio.studio.stream.suggested_view import suggested_view
 
     inputs = plan.inputs
     footage, world = inputs.trained_footage, inputs.edits.similarity

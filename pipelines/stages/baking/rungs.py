@@ -7,27 +7,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.config import Config
-from pipelines.stages.baking.measures import rendered_contribution
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import digest_of_file, remove
-from pipelines.takes.edited import EditedGroup
-from pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
-from pipelines.takes.groups import Group
-from pipelines.takes.records import result_of
-from studio.edits.edit_list import EditList
-from studio.memory_cache import OnDemand
-from studio.progress import ProgressFn
-from studio.stream.settings import Rung
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.stages.baking.measures import rendered_contribution
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.takes.atomic_files import digest_of_file, remove
+from v3studio.pipelines.takes.edited import EditedGroup
+from v3studio.pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
+from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.records import result_of
+from v3studio.studio.edits.edit_list import EditList
+from v3studio.studio.memory_cache import OnDemand
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.stream.settings import Rung
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from studio.gaussians import Gaussians
-    from studio.training.offsets import SplatOffsets
+    from v3studio.studio.gaussians import Gaussians
+    from v3studio.studio.training.offsets import SplatOffsets
 
 VERSION = 1  # raised whenever fine-tuning changes; older results are then trained again
 
@@ -79,7 +79,7 @@ class RungTraining:
 
     def offsets(self, group: Group, rung: Rung, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
         """Offsets of a rung: from the take, or trained now and written to it."""
-        from studio.training.offsets import SplatOffsets
+        from v3studio.studio.training.offsets import SplatOffsets
 
         path, key = self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung)
         found = read_tensors(path, key)
@@ -92,8 +92,8 @@ class RungTraining:
     def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
         import torch
 
-        from studio.stream.encode.bake import most_visible
-        from studio.training.offsets import train_offsets
+        from v3studio.studio.stream.encode.bake import most_visible
+        from v3studio.studio.training.offsets import train_offsets
 
         inputs = self._inputs
         checkpoint = inputs.take.splat_offsets(group.index, name_of(rung)).with_suffix(".checkpoint")

@@ -4,13 +4,13 @@ import tempfile
 from dataclasses import dataclass
 from functools import partial
 
-from pipelines.stages.baking.measures import RenderedError, rendered_contribution
-from pipelines.stages.baking.plan import Part, group_to_bake, planned_parts, stream_cameras
-from pipelines.stages.inputs import Inputs
-from studio.comparison.metrics import HIGHEST_PSNR
-from studio.errors import StudioError
-from studio.memory_cache import OnDemand
-from studio.stream.settings import BakeSettings
+from v3studio.pipelines.stages.baking.measures import RenderedError, rendered_contribution
+from v3studio.pipelines.stages.baking.plan import Part, group_to_bake, planned_parts, stream_cameras
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.studio.comparison.metrics import HIGHEST_PSNR
+from v3studio.studio.errors import StudioError
+from v3studio.studio.memory_cache import OnDemand
+from v3studio.studio.stream.settings import BakeSettings
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def longest_part(context: Inputs) -> Part:
 
 def measure(context: Inputs, part: Part, settings: BakeSettings) -> Trial:
     """Bake a group with these settings into a temporary folder, and compare it with the trained frames."""
-    from studio.stream import bake_group
+    from v3studio.studio.stream import bake_group
 
     frames = OnDemand(part.indices, group_to_bake(context, part).read)
     cameras, fps = stream_cameras(context), float(context.raw_footage.fps)

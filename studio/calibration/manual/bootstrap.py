@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.camera_files.colmap_model import camera_model
-from studio.cameras import Camera
+from v3studio.studio.camera_files.colmap_model import camera_model
+from v3studio.studio.cameras import Camera
 
 LEAST_SHARED = 6  # common points needed to estimate the relative pose of two cameras
 LEAST_KNOWN = 4  # points with known positions needed to estimate a camera's pose

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.manual.bootstrap import TieRig
+from v3studio.studio.calibration.manual.bootstrap import TieRig
 
 _FOCAL, _RADIAL = 0.5, 0.1
 """Standard deviations of the priors on k1 and on changes of log focal length; a few points do not determine either."""

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.calibration.alignment import align_points
-from studio.calibration.manual.bootstrap import TieRig
-from studio.calibration.manual.bundle_adjustment import WORLD, Problem
-from studio.errors import StudioError
+from v3studio.studio.calibration.alignment import align_points
+from v3studio.studio.calibration.manual.bootstrap import TieRig
+from v3studio.studio.calibration.manual.bundle_adjustment import WORLD, Problem
+from v3studio.studio.errors import StudioError
 
 _FREE = 7
 _WEAKEST = 1e-12

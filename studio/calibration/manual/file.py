@@ -18,11 +18,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from studio.bounded_files import TextError, read_bounded
-from studio.camera_files.common import write_atomic
-from studio.errors import StudioError, first_violation
-from studio.json_types import JsonObject
-from studio.yaml_text import dump_yaml, parse_yaml
+from v3studio.studio.bounded_files import TextError, read_bounded
+from v3studio.studio.camera_files.common import write_atomic
+from v3studio.studio.errors import StudioError, first_violation
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.yaml_text import dump_yaml, parse_yaml
 
 _OR_NULL = BeforeValidator(lambda value: None if value in ("", "null") else value)
 

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.alignment import align_points, scale_to_distance, upright
-from studio.calibration.initial_intrinsics import initial_camera
-from studio.calibration.manual.bootstrap import LEAST_KNOWN, LEAST_SHARED, Observations, TieRig, initial_rigs
-from studio.calibration.manual.bundle_adjustment import MARK, adjust
-from studio.calibration.manual.covariance import check_handedness, check_plausible, uncertainty
-from studio.calibration.manual.file import TiePoint
-from studio.calibration.report import RejectedMark, TiePointReport
-from studio.calibration.result import CalibrationResult, reprojection_report
-from studio.calibration.settings import CalibrateSettings
-from studio.cameras import Camera, Rig
-from studio.capture import refuse_unknown_cameras
-from studio.errors import StudioError
+from v3studio.studio.calibration.alignment import align_points, scale_to_distance, upright
+from v3studio.studio.calibration.initial_intrinsics import initial_camera
+from v3studio.studio.calibration.manual.bootstrap import LEAST_KNOWN, LEAST_SHARED, Observations, TieRig, initial_rigs
+from v3studio.studio.calibration.manual.bundle_adjustment import MARK, adjust
+from v3studio.studio.calibration.manual.covariance import check_handedness, check_plausible, uncertainty
+from v3studio.studio.calibration.manual.file import TiePoint
+from v3studio.studio.calibration.report import RejectedMark, TiePointReport
+from v3studio.studio.calibration.result import CalibrationResult, reprojection_report
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture import refuse_unknown_cameras
+from v3studio.studio.errors import StudioError
 
 _GUESSES = (1.2, 0.9, 0.7, 1.6, 2.2)  # initial focal lengths of unknown lenses, as multiples of the longer image side
 _ROUGH = 60  # maximum number of function evaluations per attempt

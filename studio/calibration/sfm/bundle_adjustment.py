@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.job import SfmJob
+from v3studio.studio.calibration.sfm.job import SfmJob
 
 
 def adjust(

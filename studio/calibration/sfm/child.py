@@ -9,7 +9,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Sequence
 
-from studio.errors import Message, StudioError
+from v3studio.studio.errors import Message, StudioError
 
 
 def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[str, int, int], None]) -> None:

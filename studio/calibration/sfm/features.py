@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.job import SfmJob
-from studio.calibration.sfm.pairs import FEW, largest, worthwhile
+from v3studio.studio.calibration.sfm.job import SfmJob
+from v3studio.studio.calibration.sfm.pairs import FEW, largest, worthwhile
 
 _MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
 _out_lock = threading.Lock()

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.job import SfmJob
+from v3studio.studio.calibration.sfm.job import SfmJob
 
 _ANGLE, _RATIO = 0.7, 0.8
 """Largest angle between descriptors in radians, and compared with the second best; as in COLMAP."""

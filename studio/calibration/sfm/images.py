@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.features import file_name
-from studio.errors import StudioError
-from studio.progress import ProgressFn
+from v3studio.studio.calibration.sfm.features import file_name
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn
 
 Picture = np.ndarray | Callable[[], np.ndarray]  # (H, W, 3) uint8 RGB, or a function that reads it on demand
 Pictures = np.ndarray | Sequence[Picture]

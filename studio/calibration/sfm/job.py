@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from studio.calibration.initial_intrinsics import initial_camera
-from studio.calibration.report import SolutionReport
-from studio.calibration.settings import CalibrateSettings
-from studio.camera_files.colmap_model import camera_model, model_parameters
-from studio.cameras import Camera, Rig
-from studio.json_types import JsonObject
+from v3studio.studio.calibration.initial_intrinsics import initial_camera
+from v3studio.studio.calibration.report import SolutionReport
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.camera_files.colmap_model import camera_model, model_parameters
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.json_types import JsonObject
 
 MAX_FEATURES = 8192  # per image
 _NEAREST, _WIDEST = 10, 80.0  # cameras with which each is matched if poses are known; degrees between their views

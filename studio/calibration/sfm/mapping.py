@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.bundle_adjustment import adjust, known_model
-from studio.calibration.sfm.features import say
-from studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
-from studio.calibration.sfm.guided import write_guided_matches
-from studio.calibration.sfm.job import SfmJob
-from studio.calibration.sfm.shared_intrinsics import (
+from v3studio.studio.calibration.sfm.bundle_adjustment import adjust, known_model
+from v3studio.studio.calibration.sfm.features import say
+from v3studio.studio.calibration.sfm.focal_lengths import focal_ratio, guess_focal_lengths, is_any_unknown, longer_side
+from v3studio.studio.calibration.sfm.guided import write_guided_matches
+from v3studio.studio.calibration.sfm.job import SfmJob
+from v3studio.studio.calibration.sfm.shared_intrinsics import (
     ASPECT_LIMIT,
     LIMIT,
     Tests,
@@ -28,8 +28,8 @@ from studio.calibration.sfm.shared_intrinsics import (
     try_shared_intrinsics,
     with_richer_intrinsics,
 )
-from studio.calibration.sfm.uncertainty import WEAK, uncertainties
-from studio.calibration.sfm.verdict import MISPLACED, TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
+from v3studio.studio.calibration.sfm.uncertainty import WEAK, uncertainties
+from v3studio.studio.calibration.sfm.verdict import MISPLACED, TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
 
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics

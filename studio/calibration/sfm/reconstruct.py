@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from studio.calibration.alignment import align_rigs, compare_rigs, scale_to_distance, upright
-from studio.calibration.report import CalibrationReport, CameraMotion
-from studio.calibration.result import CalibrationResult, reprojection_report
-from studio.calibration.settings import CalibrateSettings
-from studio.calibration.sfm.child import run_reporting
-from studio.calibration.sfm.images import Pictures, write_pictures
-from studio.calibration.sfm.job import SfmSolution, sfm_job
-from studio.cameras import Camera, Rig
-from studio.capture import refuse_unknown_cameras
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.progress import ProgressFn, no_progress
-from studio.similarity import Similarity
+from v3studio.studio.calibration.alignment import align_rigs, compare_rigs, scale_to_distance, upright
+from v3studio.studio.calibration.report import CalibrationReport, CameraMotion
+from v3studio.studio.calibration.result import CalibrationResult, reprojection_report
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.calibration.sfm.child import run_reporting
+from v3studio.studio.calibration.sfm.images import Pictures, write_pictures
+from v3studio.studio.calibration.sfm.job import SfmSolution, sfm_job
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture import refuse_unknown_cameras
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.similarity import Similarity
 
 _FOCAL = 1.6  # A focal length is doubtful if its ratio to the median of cameras with the same image size exceeds this
 
@@ -102,7 +102,7 @@ def calibrate_from_images(
             percent = max(percent, low + round((high - low) * done / max(total, 1)))
         progress(percent, 100)
 
-    run_reporting("studio.calibration.sfm.worker", [str(path)], relay)
+    run_reporting("v3studio.studio.calibration.sfm.worker", [str(path)], relay)
     result = _read(workdir, names)
     transform = _gauge(result, poses, settings)
     update: JsonObject = {"sync_frames": sync_frames}

@@ -13,8 +13,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from studio.calibration.sfm.verdict import noise, reprojection_errors
-from studio.camera_files.colmap_model import intrinsics
+from v3studio.studio.calibration.sfm.verdict import noise, reprojection_errors
+from v3studio.studio.camera_files.colmap_model import intrinsics
 
 LIMIT = 8.0
 """Increase of the misfit per parameter removed, by sharing or by principal points in the middle of the images, below

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.sfm.bundle_adjustment import problem
-from studio.calibration.sfm.job import SfmJob
-from studio.calibration.sfm.verdict import reprojection_errors
+from v3studio.studio.calibration.sfm.bundle_adjustment import problem
+from v3studio.studio.calibration.sfm.job import SfmJob
+from v3studio.studio.calibration.sfm.verdict import reprojection_errors
 
 WEAK = 0.005  # position uncertainty above which a camera is weak: 2 sigma are 1 cm per meter
 

@@ -1,4 +1,4 @@
-"""Structure from motion in a child process: `python -m studio.calibration.sfm.worker JOB.json`.
+"""Structure from motion in a child process: `python -m v3studio.studio.calibration.sfm.worker JOB.json`.
 
 COLMAP calls cannot be interrupted, and a crash in native code would end the calling process, so they run in this one.
 Progress is printed as JSON lines `{"step", "done", "total"}`, an error as `{"error": {...}}`, the fields of its
@@ -16,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.report import SharedIntrinsicsReport, SolutionReport
-from studio.calibration.sfm.features import find_matches, say
-from studio.calibration.sfm.job import SfmJob, SfmSolution
-from studio.calibration.sfm.mapping import Mapper
-from studio.calibration.sfm.shared_intrinsics import LIMIT, in_given_pixels, square_pixels
-from studio.calibration.sfm.uncertainty import uncertainties
-from studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
-from studio.cameras import Camera
-from studio.errors import Message, StudioError
-from studio.process import claim_stdout
+from v3studio.studio.calibration.report import SharedIntrinsicsReport, SolutionReport
+from v3studio.studio.calibration.sfm.features import find_matches, say
+from v3studio.studio.calibration.sfm.job import SfmJob, SfmSolution
+from v3studio.studio.calibration.sfm.mapping import Mapper
+from v3studio.studio.calibration.sfm.shared_intrinsics import LIMIT, in_given_pixels, square_pixels
+from v3studio.studio.calibration.sfm.uncertainty import uncertainties
+from v3studio.studio.calibration.sfm.verdict import match_inlier_ratio, match_inlier_ratios
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.process import claim_stdout
 
 
 def run(folder: Path, job: SfmJob) -> None:

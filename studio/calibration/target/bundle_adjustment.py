@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from studio.calibration.target.pattern import TargetObservation
-from studio.camera_files.colmap_model import intrinsics, model_parameters
-from studio.cameras import Camera
-from studio.errors import StudioError
+from v3studio.studio.calibration.target.pattern import TargetObservation
+from v3studio.studio.camera_files.colmap_model import intrinsics, model_parameters
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
 
 
 @dataclass

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studio.calibration.target.pattern import TargetObservation
-from studio.cameras import Camera
-from studio.errors import StudioError
+from v3studio.studio.calibration.target.pattern import TargetObservation
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
 
 MOST_VIEWS = 40  # maximum number of observations used for the initial estimate; bundle adjustment uses all
 LEAST_VIEWS = 3

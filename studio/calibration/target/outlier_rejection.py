@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from studio.calibration.target.bundle_adjustment import TargetRig, refine
-from studio.calibration.target.intrinsics import target_pose
-from studio.calibration.target.pattern import TargetObservation
-from studio.errors import StudioError
+from v3studio.studio.calibration.target.bundle_adjustment import TargetRig, refine
+from v3studio.studio.calibration.target.intrinsics import target_pose
+from v3studio.studio.calibration.target.pattern import TargetObservation
+from v3studio.studio.errors import StudioError
 
 _OUTLIER = 4.0
 """Outlier threshold as a multiple of the median error of the views, each at its own best target pose. Larger errors

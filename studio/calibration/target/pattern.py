@@ -15,8 +15,8 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from studio.cameras import Camera
-from studio.settings import Conflict, Settings
+from v3studio.studio.cameras import Camera
+from v3studio.studio.settings import Conflict, Settings
 
 LEAST_CORNERS = 6  # observations with fewer corners are ignored
 

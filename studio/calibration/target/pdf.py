@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from studio.atomic_files import atomic_path
-from studio.calibration.target.pattern import CalibrationTarget
-from studio.errors import StudioError
+from v3studio.studio.atomic_files import atomic_path
+from v3studio.studio.calibration.target.pattern import CalibrationTarget
+from v3studio.studio.errors import StudioError
 
 PAPERS = {  # millimeters, portrait
     "a4": (210.0, 297.0),

@@ -6,11 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from studio.calibration.target.bundle_adjustment import TargetRig, best_pose
-from studio.calibration.target.intrinsics import target_pose
-from studio.calibration.target.pattern import TargetObservation
-from studio.cameras import Camera
-from studio.errors import StudioError
+from v3studio.studio.calibration.target.bundle_adjustment import TargetRig, best_pose
+from v3studio.studio.calibration.target.intrinsics import target_pose
+from v3studio.studio.calibration.target.pattern import TargetObservation
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import StudioError
 
 _WORST = 5.0  # observations with a larger RMS error at their own best target pose are ignored; in pixels
 _MOST = 50.0  # pixels that the median error of an observation counts at most when poses are compared

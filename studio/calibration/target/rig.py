@@ -4,19 +4,19 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from studio.calibration.alignment import align_points, upright
-from studio.calibration.report import IntrinsicsReport, TargetReport
-from studio.calibration.result import CalibrationResult, error_statistics, image_coverage, reprojection_report
-from studio.calibration.settings import CalibrateSettings
-from studio.calibration.target.bundle_adjustment import TargetRig
-from studio.calibration.target.intrinsics import intrinsics_from_views
-from studio.calibration.target.outlier_rejection import refine_without_outliers
-from studio.calibration.target.pattern import CalibrationTarget, TargetObservation
-from studio.calibration.target.pose_graph import chain_poses
-from studio.cameras import Camera, Rig, nearest_point_to_rays
-from studio.errors import StudioError
-from studio.progress import ProgressFn, no_progress
-from studio.similarity import Similarity
+from v3studio.studio.calibration.alignment import align_points, upright
+from v3studio.studio.calibration.report import IntrinsicsReport, TargetReport
+from v3studio.studio.calibration.result import CalibrationResult, error_statistics, image_coverage, reprojection_report
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.calibration.target.bundle_adjustment import TargetRig
+from v3studio.studio.calibration.target.intrinsics import intrinsics_from_views
+from v3studio.studio.calibration.target.outlier_rejection import refine_without_outliers
+from v3studio.studio.calibration.target.pattern import CalibrationTarget, TargetObservation
+from v3studio.studio.calibration.target.pose_graph import chain_poses
+from v3studio.studio.cameras import Camera, Rig, nearest_point_to_rays
+from v3studio.studio.errors import StudioError
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.similarity import Similarity
 
 _COVERED = 0.6
 """Fraction of the image that views must cover for the principal point to be estimated: with less, a shifted principal

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from studio.masks.clean_plate import Background
+from v3studio.studio.masks.clean_plate import Background
 
 _CLOSED, _GROWN = 1 / 40, 1 / 160
 """Radii by which masks are closed and grown, as fractions of the longer side: missing parts are near others."""

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import Background, difference_evidence, match_exposure
-from studio.masks.filters import brightness, guided_filter, odds_of_colors
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.clean_plate import Background, difference_evidence, match_exposure
+from v3studio.studio.masks.filters import brightness, guided_filter, odds_of_colors
 
 LIMIT = 4.0
 """Log-odds of single images are clipped to this: any of them may be wrong."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studio.masks.filters import color_table
+from v3studio.studio.masks.filters import color_table
 
 CERTAIN = 2.5
 """Log-odds beyond which a pixel is not up for decision."""

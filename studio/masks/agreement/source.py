@@ -24,23 +24,23 @@ from typing import Any
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.capture.digest import digest_files
-from studio.capture.settings import DifferenceSettings
-from studio.errors import StudioError
-from studio.masks.agreement.empty_set import cover, uncovered
-from studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
-from studio.masks.agreement.outlines import BINS, color_odds, cut
-from studio.masks.agreement.people import odds_of_people
-from studio.masks.agreement.vote import heard
-from studio.masks.clean_plate import Background, match_exposure, solve_edges
-from studio.masks.filters import brightness, color_bins, enlarged, keep_components, reduced
-from studio.masks.mask_cache import cached_mask
-from studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
-from studio.masks.matting_model import MattingModel, load_model
-from studio.masks.median_background import background_cache, cached_background
-from studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
-from studio.memory_cache import MemoryCache
+from v3studio.studio.cameras import Camera
+from v3studio.studio.capture.digest import digest_files
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.agreement.empty_set import cover, uncovered
+from v3studio.studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
+from v3studio.studio.masks.agreement.outlines import BINS, color_odds, cut
+from v3studio.studio.masks.agreement.people import odds_of_people
+from v3studio.studio.masks.agreement.vote import heard
+from v3studio.studio.masks.clean_plate import Background, match_exposure, solve_edges
+from v3studio.studio.masks.filters import brightness, color_bins, enlarged, keep_components, reduced
+from v3studio.studio.masks.mask_cache import cached_mask
+from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
+from v3studio.studio.masks.matting_model import MattingModel, load_model
+from v3studio.studio.masks.median_background import background_cache, cached_background
+from v3studio.studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
+from v3studio.studio.memory_cache import MemoryCache
 
 FEWEST_CAMERAS = 6
 """Fewer cannot outvote one."""

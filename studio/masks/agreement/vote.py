@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from studio.cameras import Camera, Rig
+from v3studio.studio.cameras import Camera, Rig
 
 SILENT = -2.0
 """What pixels hear behind which there is no voxel that could belong to the performer."""

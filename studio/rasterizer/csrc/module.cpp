@@ -362,7 +362,7 @@ NB_MODULE(_kernels, m) {
     // An autograd graph may still hold a frame when the interpreter exits; that is not worth a leak warning.
     nb::set_leak_warnings(false);
     m.attr("interface") = 4;  // as KERNEL_INTERFACE in cpu.py: raise both when functions or their arguments change
-    m.doc() = "C++ kernels of the CPU rasterizer and of training; use studio.rasterizer and studio.training instead.";
+    m.doc() = "C++ kernels of the CPU rasterizer and of training; use v3studio.studio.rasterizer and v3studio.studio.training instead.";
     vs::add<float>(m, "FrameFloat");
     vs::add<double>(m, "FrameDouble");
     vs::add_training<float>(m, "FieldPassFloat");

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder
-from studio.stream.decoders.motion import MotionDecoder
-from studio.stream.decoders.planes import PlanesDecoder
-from studio.stream.manifest import MotionRendition, PlanesRendition, Rendition
+from v3studio.studio.stream.decoders.decoder import DecodedFrame, GroupDecoder
+from v3studio.studio.stream.decoders.motion import MotionDecoder
+from v3studio.studio.stream.decoders.planes import PlanesDecoder
+from v3studio.studio.stream.manifest import MotionRendition, PlanesRendition, Rendition
 
 __all__ = ["DecodedFrame", "GroupDecoder", "open_decoder"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.stream.manifest import PlaneEntry, Rendition, VideoEntry
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream.manifest import PlaneEntry, Rendition, VideoEntry
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,17 +7,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.gaussians import Gaussians
-from studio.rasterizer.kernels import kernels_for
-from studio.rotations import quat_multiply
-from studio.stream.attributes import ATTRIBUTES, attribute_rows
-from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
-from studio.stream.manifest import MotionRendition
-from studio.stream.morton import square_scan
-from studio.stream.motion_state import MotionState, Side
-from studio.stream.shapes import shape_axes
-from studio.stream.sources.source import damaged
-from studio.stream.video import PlaneDecoder
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.kernels import kernels_for
+from v3studio.studio.rotations import quat_multiply
+from v3studio.studio.stream.attributes import ATTRIBUTES, attribute_rows
+from v3studio.studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
+from v3studio.studio.stream.manifest import MotionRendition
+from v3studio.studio.stream.morton import square_scan
+from v3studio.studio.stream.motion_state import MotionState, Side
+from v3studio.studio.stream.shapes import shape_axes
+from v3studio.studio.stream.sources.source import damaged
+from v3studio.studio.stream.video import PlaneDecoder
 
 
 class GroupTables:

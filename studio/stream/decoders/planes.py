@@ -5,12 +5,12 @@ from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 
-from studio.gaussians import Gaussians
-from studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
-from studio.stream.layout import component_gaussians
-from studio.stream.manifest import PlanesRendition
-from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
-from studio.stream.video import PlaneDecoder
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
+from v3studio.studio.stream.layout import component_gaussians
+from v3studio.studio.stream.manifest import PlanesRendition
+from v3studio.studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes
+from v3studio.studio.stream.video import PlaneDecoder
 
 
 class PlanesDecoder(GroupDecoder):

@@ -14,21 +14,30 @@ import numpy as np
 import torch
 from pydantic import ValidationError
 
-from studio.atomic_files import remove_leftovers, temporary_path
-from studio.audio import SAMPLE_RATE, Cut, encode_sound
-from studio.errors import StudioError
-from studio.gaussians import Gaussians
-from studio.json_types import JsonObject
-from studio.memory_cache import OnDemand
-from studio.progress import ProgressFn, no_progress
-from studio.stream.codecs import CODECS, QP_MAX
-from studio.stream.encode.files import entry_of
-from studio.stream.encode.motion import MotionBake
-from studio.stream.encode.planes import PlanesBake
-from studio.stream.encode.quality import QP_BEST, QualityFn, highest_qp, psnr_of
-from studio.stream.manifest import FILES, MAX_SPLATS, AnyRendition, AudioEntry, GroupEntry, Pruning, Rendition, invalid
-from studio.stream.settings import BakeSettings, Rung
-from studio.stream.video import NOMINAL_FPS, PlaneDecoder
+from v3studio.studio.atomic_files import remove_leftovers, temporary_path
+from v3studio.studio.audio import SAMPLE_RATE, Cut, encode_sound
+from v3studio.studio.errors import StudioError
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.memory_cache import OnDemand
+from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream.codecs import CODECS, QP_MAX
+from v3studio.studio.stream.encode.files import entry_of
+from v3studio.studio.stream.encode.motion import MotionBake
+from v3studio.studio.stream.encode.planes import PlanesBake
+from v3studio.studio.stream.encode.quality import QP_BEST, QualityFn, highest_qp, psnr_of
+from v3studio.studio.stream.manifest import (
+    FILES,
+    MAX_SPLATS,
+    AnyRendition,
+    AudioEntry,
+    GroupEntry,
+    Pruning,
+    Rendition,
+    invalid,
+)
+from v3studio.studio.stream.settings import BakeSettings, Rung
+from v3studio.studio.stream.video import NOMINAL_FPS, PlaneDecoder
 
 _QPS_PER_HALF = 8  # about as many QPs more halve the bytes
 

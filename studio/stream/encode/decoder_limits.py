@@ -1,7 +1,7 @@
 """What hardware decoders of H.264 commonly take, and where a rendition goes beyond it."""
 
-from studio.errors import Message
-from studio.stream.manifest import GroupEntry, MotionRendition
+from v3studio.studio.errors import Message
+from v3studio.studio.stream.manifest import GroupEntry, MotionRendition
 
 MAX_SIDE = 4096  # pixels; 4096x2304 is the largest image of phones in landscape, 2304x4096 in portrait
 MAX_MACROBLOCKS = 36_864  # MaxFS of level 5.1 (ITU-T H.264, table A-1): macroblocks of 16x16 pixels in an image

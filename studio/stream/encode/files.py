@@ -4,7 +4,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from studio.stream.manifest import FILES, NAME_DIGITS, FileEntry
+from v3studio.studio.stream.manifest import FILES, NAME_DIGITS, FileEntry
 
 
 def entry_of(data: bytes, suffix: str) -> FileEntry:

@@ -11,21 +11,30 @@ from typing import Any
 
 import numpy as np
 
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn
-from studio.rotations import mrp_to_quats, quat_conjugate, quat_multiply, quats_to_mrp
-from studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows, channels
-from studio.stream.codecs import CODECS
-from studio.stream.encode.files import named_by_content
-from studio.stream.encode.paths import carry_hidden_splats, smooth_paths
-from studio.stream.layout import component_frames, tile_grid, tile_side, typical_size
-from studio.stream.manifest import BlockTable, Box, ChannelEntry, Lattice, MotionRendition, SideEntry, VideoEntry, point
-from studio.stream.morton import deinterleave, interleave, square_scan
-from studio.stream.motion_blocks import Blocks, find_blocks
-from studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, keyframe_bits
-from studio.stream.settings import BakeSettings
-from studio.stream.shapes import shapes_of
-from studio.stream.video import PlaneEncoder, encoding
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.rotations import mrp_to_quats, quat_conjugate, quat_multiply, quats_to_mrp
+from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows, channels
+from v3studio.studio.stream.codecs import CODECS
+from v3studio.studio.stream.encode.files import named_by_content
+from v3studio.studio.stream.encode.paths import carry_hidden_splats, smooth_paths
+from v3studio.studio.stream.layout import component_frames, tile_grid, tile_side, typical_size
+from v3studio.studio.stream.manifest import (
+    BlockTable,
+    Box,
+    ChannelEntry,
+    Lattice,
+    MotionRendition,
+    SideEntry,
+    VideoEntry,
+    point,
+)
+from v3studio.studio.stream.morton import deinterleave, interleave, square_scan
+from v3studio.studio.stream.motion_blocks import Blocks, find_blocks
+from v3studio.studio.stream.motion_state import MAX_BITS, MAX_CLASS, Escapes, MotionState, Side, keyframe_bits
+from v3studio.studio.stream.settings import BakeSettings
+from v3studio.studio.stream.shapes import shapes_of
+from v3studio.studio.stream.video import PlaneEncoder, encoding
 
 _USUAL_OPACITY = 0.15  # median of the trained splats for which the steps were tuned
 _BLOCK_STEP = 1.5  # times the position step: unit of the affine parameters

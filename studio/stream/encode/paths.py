@@ -13,7 +13,7 @@ smoothed as strongly as its own path and those of its neighbors suggest, given h
 import numpy as np
 from scipy.spatial import cKDTree
 
-from studio.rasterizer.types import ALPHA_MIN
+from v3studio.studio.rasterizer.types import ALPHA_MIN
 
 STRENGTHS = (0.0, 0.05, 0.2, 0.5, 1.5, 5.0, 20.0, 100.0)
 """Values of the smoothing parameter to choose from; 0 leaves a path as it is."""

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from studio.gaussians import Gaussians
-from studio.progress import ProgressFn
-from studio.stream.attributes import Attribute, attribute_rows, components
-from studio.stream.encode.files import named_by_content
-from studio.stream.layout import component_frames, plane_side, scale_floor, to_plane, typical_size
-from studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition, point
-from studio.stream.morton import morton_order
-from studio.stream.quantize import quantize, split_bytes
-from studio.stream.settings import BakeSettings
-from studio.stream.video import PlaneEncoder, encoding
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.stream.attributes import Attribute, attribute_rows, components
+from v3studio.studio.stream.encode.files import named_by_content
+from v3studio.studio.stream.layout import component_frames, plane_side, scale_floor, to_plane, typical_size
+from v3studio.studio.stream.manifest import Box, ComponentEntry, Part, PlaneEntry, PlanesRendition, point
+from v3studio.studio.stream.morton import morton_order
+from v3studio.studio.stream.quantize import quantize, split_bytes
+from v3studio.studio.stream.settings import BakeSettings
+from v3studio.studio.stream.video import PlaneEncoder, encoding
 
 
 class PlanesBake:

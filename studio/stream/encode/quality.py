@@ -8,10 +8,10 @@ from contextlib import closing
 
 import numpy as np
 
-from studio.gaussians import Gaussians
-from studio.stream.codecs import QP_MAX
-from studio.stream.decoders import open_decoder
-from studio.stream.manifest import Rendition
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream.codecs import QP_MAX
+from v3studio.studio.stream.decoders import open_decoder
+from v3studio.studio.stream.manifest import Rendition
 
 QualityFn = Callable[[int, Gaussians], float]
 """`quality(index, decoded)`: mean squared error between renders of a decoded frame and of the same frame as trained,

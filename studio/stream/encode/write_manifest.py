@@ -8,12 +8,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from studio.atomic_files import sync, write_bytes
-from studio.bounded_files import read_bounded
-from studio.errors import StudioError
-from studio.json_types import JsonObject
-from studio.stream.encode.files import entry_of
-from studio.stream.manifest import (
+from v3studio.studio.atomic_files import sync, write_bytes
+from v3studio.studio.bounded_files import read_bounded
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
+from v3studio.studio.stream.encode.files import entry_of
+from v3studio.studio.stream.manifest import (
     FILES,
     MANIFEST_NAME,
     MAX_MANIFEST_BYTES,
@@ -31,9 +31,9 @@ from studio.stream.manifest import (
     RenditionEntry,
     invalid,
 )
-from studio.stream.manifest_file import parse_manifest, seal
-from studio.stream.metadata import with_plain_texts
-from studio.stream.settings import BakeSettings
+from v3studio.studio.stream.manifest_file import parse_manifest, seal
+from v3studio.studio.stream.metadata import with_plain_texts
+from v3studio.studio.stream.settings import BakeSettings
 
 INLINE_BYTES = 12 << 10
 """Groups in the manifest itself take this many bytes at most, unless the first is larger: what a player must have

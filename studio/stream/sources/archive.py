@@ -9,9 +9,9 @@ import zipfile
 from bisect import bisect_right
 from pathlib import Path
 
-from studio.errors import StudioError, reason_of
-from studio.stream.sources.http import HttpSource
-from studio.stream.sources.source import Source, damaged, too_long
+from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.stream.sources.http import HttpSource
+from v3studio.studio.stream.sources.source import Source, damaged, too_long
 
 SUFFIX = ".v3s"
 MAX_ENTRIES = 1 << 20

@@ -12,10 +12,10 @@ from urllib.parse import unquote, urlsplit, urlunsplit
 
 import urllib3
 
-from studio.errors import StudioError
-from studio.stream.sources.http_connections import Watch, WatchedPools
-from studio.stream.sources.redirects import MOST_REDIRECTS, redirected, same_origin
-from studio.stream.sources.source import Source, SourceUnavailable, is_address, too_long
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.sources.http_connections import Watch, WatchedPools
+from v3studio.studio.stream.sources.redirects import MOST_REDIRECTS, redirected, same_origin
+from v3studio.studio.stream.sources.source import Source, SourceUnavailable, is_address, too_long
 
 CONNECT_SECONDS = 5.0
 MIN_RATE = 16_000  # bytes per second, far below the bit rate of any stream

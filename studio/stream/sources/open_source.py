@@ -3,10 +3,10 @@
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from studio.errors import StudioError
-from studio.stream.sources.archive import SUFFIX, ArchiveSource, FileRanges
-from studio.stream.sources.http import HttpSource
-from studio.stream.sources.source import FolderSource, Source, is_address
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.sources.archive import SUFFIX, ArchiveSource, FileRanges
+from v3studio.studio.stream.sources.http import HttpSource
+from v3studio.studio.stream.sources.source import FolderSource, Source, is_address
 
 
 def open_source(place: Path | str | Source) -> Source:

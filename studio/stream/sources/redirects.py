@@ -4,7 +4,7 @@ import ipaddress
 import socket
 from urllib.parse import urljoin, urlsplit
 
-from studio.errors import StudioError
+from v3studio.studio.errors import StudioError
 
 MOST_REDIRECTS = 5
 _PORTS = {"http": 80, "https": 443}

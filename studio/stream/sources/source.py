@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from studio.errors import StudioError, reason_of
+from v3studio.studio.errors import StudioError, reason_of
 
 BAKE_AGAIN = "Bake the stream again, or copy it again."  # the fix for a file of a stream that is missing or damaged
 

@@ -15,7 +15,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from studio.training.known_gradients import with_gradients
+from v3studio.studio.training.known_gradients import with_gradients
 
 WARPS = 4  # warps of a program
 BLOCK = 512  # splats of a program

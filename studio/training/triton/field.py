@@ -34,7 +34,7 @@ import triton.language as tl
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from studio.training.hashgrid import Corners
+from v3studio.studio.training.hashgrid import Corners
 
 WARPS = 4  # warps of a program
 CHUNK = 512  # positions whose share of a parameter's gradient is one number

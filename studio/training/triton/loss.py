@@ -18,8 +18,8 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from studio.metrics import SSIM_C1, SSIM_C2, SSIM_WINDOW, ssim_taps
-from studio.training.known_gradients import with_gradients
+from v3studio.studio.metrics import SSIM_C1, SSIM_C2, SSIM_WINDOW, ssim_taps
+from v3studio.studio.training.known_gradients import with_gradients
 
 WARPS = 4  # warps of a program
 BLOCK = 1024  # elements of a program: pixels times channels

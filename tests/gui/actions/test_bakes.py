@@ -2,12 +2,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from gui.actions.bakes import BakeActions, bake_words
-from gui.models.notices import Notices
-from gui.models.take.workspace import Workspace
-from pipelines.takes.settings_file import set_settings
-from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
+from v3studio.gui.actions.bakes import BakeActions, bake_words
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.pipelines.takes.settings_file import set_settings
+from v3studio.pipelines.takes.take import Take
 
 
 def test_bakes_are_kept_on_a_thread(workspace: Workspace, take_copy: Path) -> None:

@@ -4,7 +4,7 @@ from unittest.mock import MagicMock
 import pytest
 from open3d.visualization import gui
 
-from gui.actions.commands import Actions
+from v3studio.gui.actions.commands import Actions
 
 
 @pytest.mark.parametrize("name", ["O", "SPACE", "S", "W", "F", "X", "L", "J"])

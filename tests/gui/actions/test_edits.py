@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from open3d.visualization import gui
 
-from gui.actions.edits import EditActions
-from gui.models.loop import LOOP, Signal
-from gui.models.notices import Notices
-from gui.models.playback.sources import TrainedSource
-from gui.models.playback.transport import Transport
-from gui.models.playback.viewpoint import Viewpoint
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.take.workspace import Workspace
-from gui.pages.review.view import EditView
-from pipelines.takes.edits import read_edits
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.edits import EditList, Floaters, Trim
 from tests.support.looping import wait_in_loop
 from tests.support.players import newest
+from v3studio.gui.actions.edits import EditActions
+from v3studio.gui.models.loop import LOOP, Signal
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.sources import TrainedSource
+from v3studio.gui.models.playback.transport import Transport
+from v3studio.gui.models.playback.viewpoint import Viewpoint
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.review.view import EditView
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.edits import EditList, Floaters, Trim
 
 
 class Chosen:

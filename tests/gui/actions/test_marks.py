@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from gui.actions.marks import ask_mark, go_to_next
-from gui.models.history import History
-from gui.models.marks import Marks
-from gui.models.notices import Notices
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.transport import Transport
-from pipelines.takes.frame_numbers import FrameNumbers
-from pipelines.takes.marks import Mark, change_mark, read_marks
+from v3studio.gui.actions.marks import ask_mark, go_to_next
+from v3studio.gui.models.history import History
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.transport import Transport
+from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.marks import Mark, change_mark, read_marks
 
 ANNAS = Mark(frame=0, note="foot", author="Anna")
 

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gui.actions.path import PathActions
-from gui.models.history import History
-from gui.models.loop import Signal
-from gui.models.notices import Notices
-from gui.models.playback.player import PlayerPresenter
-from gui.models.take.exports import Exports
 from tests.support.streams import bake_numbered
+from v3studio.gui.actions.path import PathActions
+from v3studio.gui.models.history import History
+from v3studio.gui.models.loop import Signal
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.take.exports import Exports
 
 NUKE = "Camera3 {\n inputs 0\n translate {{curve x1 1 2 3 4} 0 30}\n name %s\n}\n"
 

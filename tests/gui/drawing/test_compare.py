@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from gui.models.playback.frame_renderer import faded
-from gui.models.playback.image_zoom import ImageZoom
-from studio.cameras import Camera
-from studio.coverage import view_range
 from tests.support.rigs import camera_at
+from v3studio.gui.models.playback.frame_renderer import faded
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.studio.cameras import Camera
+from v3studio.studio.coverage import view_range
 
 
 def camera() -> Camera:

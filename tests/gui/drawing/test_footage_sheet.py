@@ -1,8 +1,8 @@
 import numpy as np
 
-from gui.drawing.footage_sheet import FootageSheet
-from gui.drawing.palette import HELD_OUT
-from pipelines.inspection import Inspection
+from v3studio.gui.drawing.footage_sheet import FootageSheet
+from v3studio.gui.drawing.palette import HELD_OUT
+from v3studio.pipelines.inspection import Inspection
 
 CAMERAS = ("a", "b", "c", "d")
 WHITE = np.full((30, 40, 3), 240, np.uint8)

@@ -1,6 +1,6 @@
 from PIL import Image, ImageDraw, ImageFont
 
-from gui.drawing.icons import CODES, FONT
+from v3studio.gui.drawing.icons import CODES, FONT
 
 
 def drawn(character: str) -> bytes:

@@ -1,7 +1,7 @@
 import pytest
 
-from gui.drawing import palette
-from gui.drawing.palette import RGB
+from v3studio.gui.drawing import palette
+from v3studio.gui.drawing.palette import RGB
 
 
 def luminance(color: RGB) -> float:

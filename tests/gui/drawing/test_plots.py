@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from gui.drawing.canvas import Canvas
-from gui.drawing.palette import SECOND
-from gui.drawing.plots import curve
+from v3studio.gui.drawing.canvas import Canvas
+from v3studio.gui.drawing.palette import SECOND
+from v3studio.gui.drawing.plots import curve
 
 EM = 10.0
 

@@ -1,7 +1,7 @@
 from pathlib import Path
 
-from gui.models.notices import SHOWN_SECONDS, Notices
 from tests.support.waiting import HandClock
+from v3studio.gui.models.notices import SHOWN_SECONDS, Notices
 
 
 def test_failures_stay_until_they_are_dismissed(clock: HandClock) -> None:

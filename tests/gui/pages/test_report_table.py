@@ -1,6 +1,6 @@
 import pytest
 
-from gui.pages.report_table import Sorting
+from v3studio.gui.pages.report_table import Sorting
 
 NAMES = ["cam10", "cam2", "cam1", "cam3"]
 COLUMNS = {"error px": ["0.40", "from file", "1.20", "0.40"], "coverage": ["50%", "", "9%", "100%"]}

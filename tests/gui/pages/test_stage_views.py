@@ -6,35 +6,35 @@ import cv2
 import numpy as np
 import pytest
 
-from gui.drawing.compare import boxes
-from gui.drawing.palette import GROUND
-from gui.models.evaluation import Evaluation
-from gui.models.marks import Marks
-from gui.models.playback.sources import load
-from gui.models.preferences import RECENT, Preferences
-from gui.models.stage_rows import TITLES
-from gui.models.take.inspector import review_blocks
-from gui.models.take.workspace import Workspace
-from gui.pages.bake.qp_trial import TRIED_QPS
-from gui.pages.calibrate.points_view import PointsView
-from gui.pages.stage_view import StageView
-from gui.pages.stage_views import StageViews
-from gui.pages.train import NOT_RUN
-from pipelines.config import dump_config, load_config
-from pipelines.new_take import NewTake
-from pipelines.takes.atomic_files import write_text
-from pipelines.takes.camera_uses import camera_uses
-from pipelines.takes.take import Take
-from studio.edits import EditList
-from studio.errors import StudioError
-from studio.stream import StreamReader
-from studio.stream.settings import LEVELS
 from tests.gui.conftest import RunningWindow
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from tests.support.object_store import ObjectStore
 from tests.support.players import newest
 from tests.support.waiting import wait_until
+from v3studio.gui.drawing.compare import boxes
+from v3studio.gui.drawing.palette import GROUND
+from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.models.preferences import RECENT, Preferences
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.inspector import review_blocks
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.bake.qp_trial import TRIED_QPS
+from v3studio.gui.pages.calibrate.points_view import PointsView
+from v3studio.gui.pages.stage_view import StageView
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.pages.train import NOT_RUN
+from v3studio.pipelines.config import dump_config, load_config
+from v3studio.pipelines.new_take import NewTake
+from v3studio.pipelines.takes.atomic_files import write_text
+from v3studio.pipelines.takes.camera_uses import camera_uses
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits import EditList
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import StreamReader
+from v3studio.studio.stream.settings import LEVELS
 
 SIZE = (720, 500)
 
@@ -42,12 +42,12 @@ ANOTHER_STAGE = """
 import sys, types
 for name in [name for name in sys.modules if name.partition(".")[0] in ("gui", "pipelines")]:
     del sys.modules[name]
-from pipelines import stages
+from v3studio.pipelines import stages
 another = stages.Stage("another", "Another", "do something", version=1, weight=1, dependencies=("train",))
 stages.STAGES = (*stages.STAGES, another)
 nothing = types.SimpleNamespace(params=lambda inputs: {}, results=lambda inputs: [], units=lambda inputs: None)
-sys.modules["pipelines.stages.another"] = nothing
-from gui.app import main
+sys.modules["v3studio.pipelines.stages.another"] = nothing
+from v3studio.gui.app import main
 sys.exit(main())
 """
 

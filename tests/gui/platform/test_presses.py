@@ -1,6 +1,6 @@
-from gui.platform.keyboard import UP
-from gui.platform.presses import PATIENCE, KeyReports, Press
-from gui.platform.xlib import ESCAPE
+from v3studio.gui.platform.keyboard import UP
+from v3studio.gui.platform.presses import PATIENCE, KeyReports, Press
+from v3studio.gui.platform.xlib import ESCAPE
 
 
 def test_escape_that_a_text_field_keeps_closes_the_dialog_and_nothing_more_while_it_is_held() -> None:

@@ -1,6 +1,6 @@
 import pytest
 
-from gui.platform import screen
+from v3studio.gui.platform import screen
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 import pytest
 
-from gui.app import check_display
-from gui.platform.vulkan import vulkan_device
 from tests.support.errors import refuses
+from v3studio.gui.app import check_display
+from v3studio.gui.platform.vulkan import vulkan_device
 
 
 def test_missing_loader_names_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:

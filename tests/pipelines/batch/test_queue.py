@@ -11,21 +11,21 @@ from typing import Any
 
 import pytest
 
-from pipelines.batch.queue_file import QueuedTake, QueueFile
-from pipelines.batch.run_queue import run_queue
-from pipelines.events import Event, Finished, RunStarted
-from pipelines.takes.take import Take
-from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.tiny_capture import ROOT, v3studio
+from v3studio.pipelines.batch.queue_file import QueuedTake, QueueFile
+from v3studio.pipelines.batch.run_queue import run_queue
+from v3studio.pipelines.events import Event, Finished, RunStarted
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 pytestmark = pytest.mark.long
 
 RUN_QUEUE = """
 import signal, sys
 from pathlib import Path
-from pipelines.batch.queue_file import QueueFile
-from pipelines.batch.run_queue import run_queue
+from v3studio.pipelines.batch.queue_file import QueueFile
+from v3studio.pipelines.batch.run_queue import run_queue
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 emit = lambda event: print("started", flush=True)
 program = lambda entry: [sys.executable, "-c", sys.argv[2], entry.take.name]

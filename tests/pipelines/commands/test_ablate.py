@@ -5,10 +5,10 @@ import math
 import cv2
 import pytest
 
-from pipelines.ablation.study import RatePoint, VariantResult, compare
-from pipelines.ablation.variants import chosen
-from pipelines.takes.frame_files import read_about
 from tests.support.errors import refuses
+from v3studio.pipelines.ablation.study import RatePoint, VariantResult, compare
+from v3studio.pipelines.ablation.variants import chosen
+from v3studio.pipelines.takes.frame_files import read_about
 
 pytestmark = pytest.mark.long
 

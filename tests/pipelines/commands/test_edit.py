@@ -4,18 +4,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.review.take_review import TakeReview
-from pipelines.takes.edits import change_edits, read_edits
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.point_files import read_points
-from pipelines.takes.take import Take
-from pipelines.takes.videos import decoded_video, trained_video
-from studio.camera_files import read_rig
-from studio.edits.edit_list import Region
-from studio.formats.rigid_motion import placed
-from studio.rasterizer import rasterize
-from studio.stream import StreamMetadata, StreamReader
 from tests.support.streams import contents
+from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.pipelines.takes.edits import change_edits, read_edits
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import decoded_video, trained_video
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.edits.edit_list import Region
+from v3studio.studio.formats.rigid_motion import placed
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.stream import StreamMetadata, StreamReader
 
 
 @pytest.fixture

@@ -10,21 +10,21 @@ import OpenEXR
 import pytest
 import torch
 
-from pipelines.events import Log
-from pipelines.takes.edits import change_edits
-from pipelines.takes.frame_files import FrameMetadata, write_frame
-from pipelines.takes.take import Take
-from pipelines.takes.videos import trained_video
-from studio.camera_files import write_rig_json
-from studio.cameras import Rig
-from studio.edits.edit_list import EditList, Trim
-from studio.formats import read_splats
-from studio.formats.camera_path import Key, write_path_keys
-from studio.formats.usd import UsdFrames
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.rigs import camera_at
 from tests.support.splats import write_group
+from v3studio.pipelines.events import Log
+from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import trained_video
+from v3studio.studio.camera_files import write_rig_json
+from v3studio.studio.cameras import Rig
+from v3studio.studio.edits.edit_list import EditList, Trim
+from v3studio.studio.formats import read_splats
+from v3studio.studio.formats.camera_path import Key, write_path_keys
+from v3studio.studio.formats.usd import UsdFrames
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 
 CENTER = np.array([0.2, 0.1, 0.3])
 EYES = {"front": (3.0, 0.0, 0.8), "side": (0.0, 3.0, 0.8), "back": (-3.0, 0.5, 0.8)}

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from studio.stream import BakeSettings
 from tests.support.rigs import ring
 from tests.support.streams import bake_numbered, edit_manifest, set_at
+from v3studio.studio.stream import BakeSettings
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,10 @@ import re
 
 import pytest
 
-from studio.formats.sequence import open_import
-from studio.stream import BakeSettings, Rung, StreamReader, check_stream
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, contents
+from v3studio.studio.formats.sequence import open_import
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, check_stream
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import load_config, presets
-from pipelines.config.presets import preset_of
-from studio.yaml_text import parse_yaml
+from v3studio.pipelines.config import load_config, presets
+from v3studio.pipelines.config.presets import preset_of
+from v3studio.studio.yaml_text import parse_yaml
 
 
 @pytest.mark.parametrize("gpu", [False, True])

@@ -13,15 +13,15 @@ from urllib.parse import quote
 
 import pytest
 
-from pipelines.share.page import PageText
-from pipelines.share.served import find_streams
-from pipelines.share.web_app import build_app
-from pipelines.takes.take import TAKE_FORMAT
-from studio.playback import play_headless
-from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
 from tests.support.web_servers import PLAYER, ask, running
+from v3studio.pipelines.share.page import PageText
+from v3studio.pipelines.share.served import find_streams
+from v3studio.pipelines.share.web_app import build_app
+from v3studio.pipelines.takes.take import TAKE_FORMAT
+from v3studio.studio.playback import play_headless
+from v3studio.studio.stream import BakeSettings
 
 BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
 

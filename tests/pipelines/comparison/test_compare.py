@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.comparison.compare import compare
-from pipelines.takes.evaluation import read_evaluation
-from pipelines.takes.take import Take
-from studio.comparison import PROTOCOLS, measure
 from tests.support.errors import refuses
 from tests.support.streams import contents
 from tests.support.tiny_capture import environment, run_take
 from tests.support.warm_python import warm_python
+from v3studio.pipelines.comparison.compare import compare
+from v3studio.pipelines.takes.evaluation import read_evaluation
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison import PROTOCOLS, measure
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +87,8 @@ def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two, tmp_pa
 KILLED_IN_FRAME_3 = """
 import os, signal, sys
 from pathlib import Path
-from pipelines.comparison.compare import compare
-from studio.comparison import PROTOCOLS
+from v3studio.pipelines.comparison.compare import compare
+from v3studio.studio.comparison import PROTOCOLS
 def progress(done, total):
     if done == 6:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -105,7 +105,7 @@ def killed(*arguments: Path) -> None:
 def counted(monkeypatch: pytest.MonkeyPatch) -> Mock:
     """Is called for each view that is measured."""
     counting = Mock(wraps=measure)
-    monkeypatch.setattr("pipelines.comparison.measuring.measure", counting)
+    monkeypatch.setattr("v3studio.pipelines.comparison.measuring.measure", counting)
     return counting
 
 

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipelines.config import Config, describe, load_config, parse_override
-from studio.capture.settings import CaptureSettings
-from studio.errors import StudioError
-from studio.settings import affected
-from studio.yaml_text import dump_yaml
 from tests.support.errors import refuses
+from v3studio.pipelines.config import Config, describe, load_config, parse_override
+from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.errors import StudioError
+from v3studio.studio.settings import affected
+from v3studio.studio.yaml_text import dump_yaml
 
 
 def write(folder: Path, text: str) -> Path:

@@ -1,7 +1,7 @@
-from pipelines.config import Config, load_config
-from pipelines.config.config import values_of
-from pipelines.config.presets import PRESETS, differing, preset_of, with_values
 from tests.support.tiny_capture import ROOT
+from v3studio.pipelines.config import Config, load_config
+from v3studio.pipelines.config.config import values_of
+from v3studio.pipelines.config.presets import PRESETS, differing, preset_of, with_values
 
 
 def test_all_presets_set_the_same_valid_settings() -> None:

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import presets
-from pipelines.estimate import rehearsal
-from pipelines.estimate.estimate import estimate
-from pipelines.estimate.rehearsal import Measured
-from pipelines.estimate.work import Work
-from studio.training import TrainSettings
+from v3studio.pipelines.config import presets
+from v3studio.pipelines.estimate import rehearsal
+from v3studio.pipelines.estimate.estimate import estimate
+from v3studio.pipelines.estimate.rehearsal import Measured
+from v3studio.pipelines.estimate.work import Work
+from v3studio.studio.training import TrainSettings
 
 pytestmark = pytest.mark.long
 

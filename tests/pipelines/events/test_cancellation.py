@@ -6,8 +6,8 @@ import pytest
 
 LOOP = """
 import sys, time, hashlib
-from pipelines.events.cancellation import Cancellation, stop_on_signals
-from studio.errors import Cancelled
+from v3studio.pipelines.events.cancellation import Cancellation, stop_on_signals
+from v3studio.studio.errors import Cancelled
 flag = Cancellation()
 try:
     with stop_on_signals(flag, lambda: print("last words", flush=True)):

@@ -1,7 +1,7 @@
 from pathlib import Path
 
-from pipelines.events import Log
-from pipelines.events.event_log import LogFollower
+from v3studio.pipelines.events import Log
+from v3studio.pipelines.events.event_log import LogFollower
 
 
 def line(message: str, time: float) -> str:

@@ -4,9 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from pipelines import events
-from pipelines.events import MAX_TEXT, Metrics, Progress, RunStarted, read_line
-from studio.errors import Message, StudioError
+from v3studio.pipelines import events
+from v3studio.pipelines.events import MAX_TEXT, Metrics, Progress, RunStarted, read_line
+from v3studio.studio.errors import Message, StudioError
 
 STREAM = {"folder": "/t", "address": "http://x/"}
 EXAMPLES = [

@@ -1,7 +1,7 @@
 import pytest
 
-from pipelines.events.work_clock import WorkClock
 from tests.support.waiting import HandClock
+from v3studio.pipelines.events.work_clock import WorkClock
 
 
 def work(clock: WorkClock, now: HandClock, seconds: float) -> None:

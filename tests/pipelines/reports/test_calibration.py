@@ -3,12 +3,12 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.reports.calibration import calibration_warnings, intrinsics_sentences, render_calibration
-from pipelines.takes.stage_files import CameraChange, CameraRefinement, CheckedCameras
-from studio.calibration import reprojection_report
-from studio.calibration.report import CalibrationReport, CameraVerdict, RigVerdict, SharedIntrinsicsReport
-from studio.cameras import Rig
 from tests.support.rigs import camera_at
+from v3studio.pipelines.reports.calibration import calibration_warnings, intrinsics_sentences, render_calibration
+from v3studio.pipelines.takes.stage_files import CameraChange, CameraRefinement, CheckedCameras
+from v3studio.studio.calibration import reprojection_report
+from v3studio.studio.calibration.report import CalibrationReport, CameraVerdict, RigVerdict, SharedIntrinsicsReport
+from v3studio.studio.cameras import Rig
 
 
 def report_with(error: float, **more: object) -> CalibrationReport:

@@ -8,20 +8,20 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.config import dump_config, load_config
-from pipelines.review.take_review import TakeReview
-from pipelines.share.served import find_reviews, find_streams
-from pipelines.share.web_app import Reviews, build_app
-from pipelines.takes.atomic_files import write_model
-from pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
-from pipelines.takes.records import StageRecord
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig, write_rig
-from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
 from tests.support.tiny_capture import FRAMES, SETTINGS, write_capture
 from tests.support.web_servers import PLAYER, ask, running
+from v3studio.pipelines.config import dump_config, load_config
+from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.pipelines.share.served import find_reviews, find_streams
+from v3studio.pipelines.share.web_app import Reviews, build_app
+from v3studio.pipelines.takes.atomic_files import write_model
+from v3studio.pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
+from v3studio.pipelines.takes.records import StageRecord
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.stream import BakeSettings
 
 SECRET = "k3y"
 BASE = f"/{SECRET}/.review"

@@ -1,10 +1,10 @@
 import pytest
 
-from pipelines.events import Finished
-from pipelines.runs.launch import Launched
 from tests.support.events import events_in, frames_in
 from tests.support.tiny_capture import v3studio
 from tests.support.waiting import wait_until
+from v3studio.pipelines.events import Finished
+from v3studio.pipelines.runs.launch import Launched
 
 pytestmark = pytest.mark.long
 
@@ -32,6 +32,6 @@ def test_a_detached_run_is_shown_and_cancelled_and_continues(project, here):
 
 def test_with_json_a_detached_run_prints_one_object(project, here, monkeypatch):
     found = Launched(pid=7, host="node1")
-    monkeypatch.setattr("pipelines.runs.background.start_background", lambda *_: found)
+    monkeypatch.setattr("v3studio.pipelines.runs.background.start_background", lambda *_: found)
     done = here("run", project / "ball.yaml", "--take", project / "take", "--detach", "--json").ok()
     assert done.result == {"take": str(project / "take"), "pid": 7, "host": "node1", "running": True}

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import torch
 
-from pipelines.runs.out_of_memory import memory_errors
 from tests.support.errors import refuses
 from tests.support.tiny_capture import ROOT
+from v3studio.pipelines.runs.out_of_memory import memory_errors
 
 
 def test_an_allocation_that_fails_is_a_sentence() -> None:
@@ -26,7 +26,7 @@ def test_a_run_with_too_little_memory_ends_with_a_sentence(tmp_path: Path) -> No
     """Without the check, OpenBLAS tries for ever to have its buffers."""
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_DATA, (400 << 20, 400 << 20)); "
-        "from pipelines.cli import execute; sys.exit(execute(sys.argv[1:]))"
+        "from v3studio.pipelines.cli import execute; sys.exit(execute(sys.argv[1:]))"
     )
     command = [sys.executable, "-c", code, "run", str(tmp_path / "a.yaml"), "--take", str(tmp_path / "take")]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

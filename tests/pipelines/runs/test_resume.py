@@ -2,12 +2,12 @@ import contextlib
 import json
 import signal
 
-from pipelines.events import Log, Metrics, StageStarted
-from pipelines.stages import train_group
-from studio.errors import Cancelled
 from tests.support.events import frames_in, stop_when, trains_a_frame
 from tests.support.streams import contents
 from tests.support.tiny_capture import v3studio
+from v3studio.pipelines.events import Log, Metrics, StageStarted
+from v3studio.pipelines.stages import train_group
+from v3studio.studio.errors import Cancelled
 
 
 def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start):
@@ -63,7 +63,7 @@ def cancelled_after(name, monkeypatch):
 
 def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, monkeypatch):
     """In this process, where checkpoints can be more frequent than every 500 steps."""
-    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 10)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
 
     def run(name: str):
         options = ("--capture.frames", ":2", "--until", "train", "--json")
@@ -108,7 +108,7 @@ def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, st
 
 def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, monkeypatch):
     """Also where it is stopped while it replaces the frames; and without it, they are what they were before."""
-    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 10)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
     frames = [f"frame_{index:06d}.safetensors" for index in range(3)]
 
     def run(name: str, iterations: int = 12):

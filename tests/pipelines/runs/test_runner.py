@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import load_config
-from pipelines.events import Event, Finished, Log, Metrics, Preview, Progress, StageFinished, StageStarted
-from pipelines.events.cancellation import Cancellation
-from pipelines.runs.runner import run, status
-from pipelines.stages import STAGE_NAMES, stage_named
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.kept_bakes import keep_bake, kept_bakes
-from pipelines.takes.point_files import read_points
-from pipelines.takes.take import Take
-from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 from tests.support.events import frames_in, warnings_in
 from tests.support.tiny_capture import settings_in
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.events import Event, Finished, Log, Metrics, Preview, Progress, StageFinished, StageStarted
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.runs.runner import run, status
+from v3studio.pipelines.stages import STAGE_NAMES, stage_named
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.kept_bakes import keep_bake, kept_bakes
+from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Cancelled, StudioError
 
 FEW = ("train.keyframe_iterations=5", "train.motion_iterations=1", "train.finetune_iterations=1", "capture.frames=:2")
 
@@ -100,9 +100,9 @@ def test_psnr_is_that_of_the_cropped_held_out_image(project):
     """Compared with NumPy, from the files: decoded frame 3 rendered here, the held-out PNG over black, cropped here."""
     import torch
 
-    from studio.camera_files import read_rig
-    from studio.rasterizer import rasterize
-    from studio.stream import StreamReader
+    from v3studio.studio.camera_files import read_rig
+    from v3studio.studio.rasterizer import rasterize
+    from v3studio.studio.stream import StreamReader
 
     rgba = np.array(Image.open(project.folder / "capture/images/cam4/003.png")).astype(float) / 255
     truth = rgba[..., :3] * rgba[..., 3:]
@@ -154,7 +154,7 @@ def test_a_bake_is_kept_within_the_run(project, monkeypatch):
         holders.append(take.running())
         return keep_bake(take, name)
 
-    monkeypatch.setattr("pipelines.runs.runner.keep_bake", keep)
+    monkeypatch.setattr("v3studio.pipelines.runs.runner.keep_bake", keep)
     events = project.run(stages=("bake",), command="v3studio bake", keep="fine")
     assert [holder["command"] for holder in holders] == ["v3studio bake"]
     assert (events[-2].stage, events[-1].outcome) == ("bake", "done")
@@ -265,7 +265,7 @@ def test_without_held_out_cameras_the_evaluation_says_so(project):
 
 MASKS = """
 import numpy as np
-from studio.masks import FunctionMaskSource
+from v3studio.studio.masks import FunctionMaskSource
 
 def bright(image, camera, frame):
     return (image.max(axis=2) > 20).astype(np.float32)

@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config.loading import load_config
-from pipelines.runs.runner import status
-from pipelines.runs.staleness import differences
-from pipelines.stages import STAGE_NAMES
-from pipelines.stages.params import Params
-from pipelines.takes.take import Take
+from v3studio.pipelines.config.loading import load_config
+from v3studio.pipelines.runs.runner import status
+from v3studio.pipelines.runs.staleness import differences
+from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.pipelines.stages.params import Params
+from v3studio.pipelines.takes.take import Take
 
 
 def test_a_stage_names_all_stages_that_must_run_first(finished: Path) -> None:
@@ -23,7 +23,7 @@ def test_a_stage_names_all_stages_that_must_run_first(finished: Path) -> None:
 
 def test_with_another_metric_the_evaluation_is_stale(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     take = Take.open(finished / "take")
-    monkeypatch.setattr("pipelines.stages.evaluate.MEASURES", ("psnr_trained", "psnr_decoded"))
+    monkeypatch.setattr("v3studio.pipelines.stages.evaluate.MEASURES", ("psnr_trained", "psnr_decoded"))
     assert status(take, load_config(take.config))["evaluate"].reason == "the metrics changed"
 
 

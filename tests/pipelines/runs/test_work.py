@@ -5,10 +5,10 @@ import subprocess
 
 import pytest
 
-from pipelines.events import StageFinished, StageStarted
-from pipelines.stages import CHAIN
 from tests.support.events import events_in, frames_in, stop_when, trains_a_frame
 from tests.support.tiny_capture import results, v3studio
+from v3studio.pipelines.events import StageFinished, StageStarted
+from v3studio.pipelines.stages import CHAIN
 
 pytestmark = pytest.mark.long
 

@@ -9,10 +9,10 @@ import cv2
 import pytest
 import trustme
 
-from pipelines.share import addresses
-from pipelines.share.addresses import qr_pixels, reachable_hosts
-from pipelines.share.certificates import Certificate, load_certificate, make_certificate
 from tests.support.errors import refuses
+from v3studio.pipelines.share import addresses
+from v3studio.pipelines.share.addresses import qr_pixels, reachable_hosts
+from v3studio.pipelines.share.certificates import Certificate, load_certificate, make_certificate
 
 ADDRESS = "https://192.168.178.23:8000/prise%20%C3%A9/?t=3.2&view=30,10,2.5,0,0,0"
 

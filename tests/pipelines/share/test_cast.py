@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.share.cast import read_cast
-from pipelines.share.page import PageText
-from pipelines.share.sharing import share
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, contents, edit_manifest
+from v3studio.pipelines.share.cast import read_cast
+from v3studio.pipelines.share.page import PageText
+from v3studio.pipelines.share.sharing import share
 
 ROOT = Path(__file__).parents[3]
 ITEM = {"stream": "walk"}
@@ -26,7 +26,7 @@ def place(tmp_path, monkeypatch):
     (built / "licenses.txt").write_text("MIT")
     page = '<title>V3 Studio</title><script type="module" src="v3-cast.js"></script><footer></footer>'
     (built / "index.html").write_text(page)
-    monkeypatch.setattr("pipelines.share.cast.player_folder", lambda: built.parent)
+    monkeypatch.setattr("v3studio.pipelines.share.cast.player_folder", lambda: built.parent)
     return tmp_path
 
 

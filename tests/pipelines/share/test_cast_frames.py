@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.share.cast_frames import CastFrames
-from studio.formats import ply
 from tests.support.errors import refuses
 from tests.support.glb import red_post
 from tests.support.sounds import click_times, clicks
 from tests.support.splats import round_splats
 from tests.support.streams import bake_numbered, edit_manifest
+from v3studio.pipelines.share.cast_frames import CastFrames
+from v3studio.studio.formats import ply
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.share.server import BoundedLog, BoundedServer, Limits, listen
-from pipelines.share.web_app import build_app, is_allowed, usable_range
 from tests.support.waiting import wait_until
 from tests.support.web_servers import ask
+from v3studio.pipelines.share.server import BoundedLog, BoundedServer, Limits, listen
+from v3studio.pipelines.share.web_app import build_app, is_allowed, usable_range
 
 QUICK = Limits(connections=4, request=0.5, idle=0.3, stall=0.5, handshake=0.5)
 

@@ -5,8 +5,8 @@ from urllib.request import Request, urlopen
 
 import pytest
 
-from pipelines.share.serving import serve
-from studio.stream.manifest import MANIFEST_NAME
+from v3studio.pipelines.share.serving import serve
+from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 
 def test_several_streams_with_a_secret_over_https(tmp_path: Path) -> None:

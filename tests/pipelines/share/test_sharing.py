@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.events import Progress
-from pipelines.share import sharing
-from pipelines.share.page import PageText, first_files, read_intro, read_view
-from pipelines.share.sharing import share, share_size
-from pipelines.takes.take import TAKE_FORMAT
-from studio.atomic_files import machine_name
-from studio.errors import Cancelled
-from studio.formats.camera_path import Key, write_path_keys
-from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.splats import noise, round_splats
 from tests.support.streams import bake_numbered, contents
+from v3studio.pipelines.events import Progress
+from v3studio.pipelines.share import sharing
+from v3studio.pipelines.share.page import PageText, first_files, read_intro, read_view
+from v3studio.pipelines.share.sharing import share, share_size
+from v3studio.pipelines.takes.take import TAKE_FORMAT
+from v3studio.studio.atomic_files import machine_name
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.formats.camera_path import Key, write_path_keys
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
 
 TEXT = PageText('A <walk> & "more"', "Jane Doe's studio", "CC BY 4.0 </script>", "https://example.org/walk")
 
@@ -244,7 +244,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     def missing() -> Path:
         raise FileNotFoundError
 
-    monkeypatch.setattr("pipelines.share.player_files.player_folder", missing)
+    monkeypatch.setattr("v3studio.pipelines.share.player_files.player_folder", missing)
     with refuses("share.no_player"):
         share(stream, tmp_path / "site")
     assert not (tmp_path / "site").exists()

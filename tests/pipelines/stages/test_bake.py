@@ -2,9 +2,9 @@ import json
 
 import pytest
 
-from studio.stream import StreamReader, check_stream
 from tests.support.sounds import click_times, clicks, write_wav
 from tests.support.streams import contents
+from v3studio.studio.stream import StreamReader, check_stream
 
 
 def manifest_of(take):

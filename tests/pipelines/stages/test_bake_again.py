@@ -3,9 +3,9 @@ import shutil
 import threading
 from pathlib import Path
 
-from studio.errors import StudioError
-from studio.stream import BakeSettings, StreamReader, write_manifest
 from tests.support.streams import bake_numbered
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import BakeSettings, StreamReader, write_manifest
 
 SETTINGS = BakeSettings(quality=20, preset="ultrafast")
 

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipelines.config import Config
-from pipelines.runs.runner import status
-from pipelines.stages import calibrate
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.known_cameras import focal_lengths, known_cameras
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.stage_files import checked_cameras
-from pipelines.takes.take import Take
-from studio.calibration import CalibrationResult, align_rigs, reprojection_report
-from studio.calibration.report import RigVerdict
-from studio.calibration.settings import CalibrateSettings
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
-from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.tiny_capture import run_take, settings_in
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.runs.runner import status
+from v3studio.pipelines.stages import calibrate
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.known_cameras import focal_lengths, known_cameras
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.stage_files import checked_cameras
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration import CalibrationResult, align_rigs, reprojection_report
+from v3studio.studio.calibration.report import RigVerdict
+from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.errors import StudioError
 
 
 def context(tmp_path: Path, filmed: int = 1, suffix: str = "png", **settings) -> Inputs:
@@ -133,7 +133,7 @@ class Solver:
 def test_until_all_are_registered_and_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     solver = Solver({1: "calibration.unregistered", 3: 50, 6: 400, 12: 500})
     verdicts = iter([WRONG, GOOD])
-    monkeypatch.setattr("studio.calibration.calibrate_from_images", solver, raising=False)
+    monkeypatch.setattr("v3studio.studio.calibration.calibrate_from_images", solver, raising=False)
     monkeypatch.setattr(calibrate, "judge_by_images", lambda *given, **more: next(verdicts))
     made = context(tmp_path, filmed=12)
     events: list = []
@@ -150,7 +150,7 @@ def test_until_all_are_registered_and_right(tmp_path: Path, monkeypatch: pytest.
 
 def test_what_is_set_is_taken_and_the_last_attempt_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     solver = Solver({3: "calibration.unregistered", 1: 50, 2: 60})
-    monkeypatch.setattr("studio.calibration.calibrate_from_images", solver, raising=False)
+    monkeypatch.setattr("v3studio.studio.calibration.calibrate_from_images", solver, raising=False)
     monkeypatch.setattr(calibrate, "judge_by_images", lambda *given, **more: WRONG)
     with refuses("calibration.unregistered"):
         calibrate.run(context(tmp_path / "set", filmed=12, frame_count=3), StageReporter("calibrate"), None)

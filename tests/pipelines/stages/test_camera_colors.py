@@ -5,18 +5,18 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.events import Event, Warned
-from pipelines.runs.runner import status
-from pipelines.stages.camera_colors import ensure_camera_colors
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.training_views import training_views
-from pipelines.takes.atomic_files import read_json
-from pipelines.takes.take import Take
 from tests.support.color_charts import matrices, view_of_chart
 from tests.support.errors import refuses
 from tests.support.events import warnings_in
 from tests.support.tiny_capture import run_take, settings_in
+from v3studio.pipelines.events import Event, Warned
+from v3studio.pipelines.runs.runner import status
+from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.takes.atomic_files import read_json
+from v3studio.pipelines.takes.take import Take
 
 pytestmark = pytest.mark.long
 
@@ -27,8 +27,8 @@ INITIALIZED = ("calibrate", "initialize")
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.camera_colors.STEPS", 20)
-    monkeypatch.setattr("studio.training.camera_colors.EVERY", 10)
+    monkeypatch.setattr("v3studio.studio.training.camera_colors.STEPS", 20)
+    monkeypatch.setattr("v3studio.studio.training.camera_colors.EVERY", 10)
 
 
 def train(project: Path, *overrides: str) -> list[Event]:

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipelines.events import Event, Log
-from pipelines.runs.runner import run, status
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.atomic_files import read_model
-from pipelines.takes.stage_files import CameraRefinement
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
 from tests.support.tiny_capture import run_take, settings_in
+from v3studio.pipelines.events import Event, Log
+from v3studio.pipelines.runs.runner import run, status
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.atomic_files import read_model
+from v3studio.pipelines.takes.stage_files import CameraRefinement
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
 
 pytestmark = pytest.mark.long
 
@@ -22,7 +22,7 @@ ALWAYS = ("train.refine_cameras=always", *SCHEDULE)
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.camera_refinement.ALIGN_STEPS", 5)
+    monkeypatch.setattr("v3studio.studio.training.camera_refinement.ALIGN_STEPS", 5)
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
 
 def test_cameras_that_gain_nothing_are_not_used(turned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     take = Take.open(turned / "take")
-    monkeypatch.setattr("studio.training.camera_refinement.WORTH", 99.0)
+    monkeypatch.setattr("v3studio.studio.training.camera_refinement.WORTH", 99.0)
     train(turned, *ALWAYS)
     report = read_model(take.camera_refinement, CameraRefinement)
     assert not report.used

@@ -5,12 +5,12 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.footage_check import footage_check
-from pipelines.stages.reporter import StageReporter
-from studio.capture import CaptureSettings, Footage, open_footage
-from studio.errors import Cancelled
 from tests.support.errors import refuses
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages.footage_check import footage_check
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.studio.capture import CaptureSettings, Footage, open_footage
+from v3studio.studio.errors import Cancelled
 
 
 @pytest.fixture

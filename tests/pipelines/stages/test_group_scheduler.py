@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from pipelines.events.cancellation import Cancellation
-from pipelines.runs.work import work
-from pipelines.stages import group_scheduler
-from pipelines.takes.take import Take
-from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.events import frames_in
 from tests.support.tiny_capture import run_take, settings_in
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.runs.work import work
+from v3studio.pipelines.stages import group_scheduler
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 
 def test_all_threads_are_shared_out() -> None:

@@ -5,19 +5,19 @@ import types
 
 import pytest
 
-from pipelines import stages
-from pipelines.config import load_config
-from pipelines.stages.baking import live as live_bake
-from pipelines.stages.baking.live import LiveBake
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
-from pipelines.takes.take import Take
-from studio.errors import Cancelled, StudioError
-from studio.stream import StreamReader, check_stream
 from tests.support.events import warnings_in
 from tests.support.streams import contents
 from tests.support.waiting import wait_until
+from v3studio.pipelines import stages
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.baking import live as live_bake
+from v3studio.pipelines.stages.baking.live import LiveBake
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Cancelled, StudioError
+from v3studio.studio.stream import StreamReader, check_stream
 
 FAST = [("run.live", True), ("bake.preset", "ultrafast")]
 
@@ -111,7 +111,7 @@ def test_stages_between_training_and_baking_run_first(take, published, monkeypat
             write_frame(take.finished_frame(group.index, index), few, FrameMetadata())
 
     code = types.SimpleNamespace(group_done=lambda inputs, group: False, run_group=run_group)
-    monkeypatch.setitem(sys.modules, "pipelines.stages.fewer", code)
+    monkeypatch.setitem(sys.modules, "v3studio.pipelines.stages.fewer", code)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES, stages.Stage("fewer", "Fewer", "", version=1, weight=1)))
     monkeypatch.setattr(live_bake, "CHAIN", ("initialize", "train", "fewer", "bake"))
     monkeypatch.setattr(Take, "finished_frame", lambda take, group, index: take.root / "fewer" / f"{group}_{index}")

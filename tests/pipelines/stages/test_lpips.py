@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 import torch
 
-from pipelines.events import StageStarted, Warned
-from pipelines.reports.tables import print_evaluation
-from pipelines.stages import evaluate
-from pipelines.stages.evaluate import loaded_lpips
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.take import Take
-from studio.errors import Message
-from studio.perceptual import SMALLEST
 from tests.support.errors import refuses
 from tests.support.tiny_capture import run_take, settings_in
+from v3studio.pipelines.events import StageStarted, Warned
+from v3studio.pipelines.reports.tables import print_evaluation
+from v3studio.pipelines.stages import evaluate
+from v3studio.pipelines.stages.evaluate import loaded_lpips
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Message
+from v3studio.studio.perceptual import SMALLEST
 
 
 class StandIn:
@@ -38,7 +38,7 @@ class StandIn:
 
 @pytest.fixture(autouse=True)
 def _stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.perceptual.Lpips", StandIn)
+    monkeypatch.setattr("v3studio.studio.perceptual.Lpips", StandIn)
     monkeypatch.setattr(StandIn, "made", [])
     loaded_lpips.cache_clear()
 

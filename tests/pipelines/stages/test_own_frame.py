@@ -8,10 +8,10 @@ import av
 import numpy as np
 from plyfile import PlyData
 
-from pipelines.takes.edits import read_edits
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Rig
-from studio.similarity import Similarity
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.similarity import Similarity
 
 AWAY = Similarity(1000.0, np.eye(3), np.array([5.0e9, -1.2e9, 3.0e5]))
 

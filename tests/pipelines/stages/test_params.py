@@ -5,17 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import Config, load_config
-from pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, inputs, params
-from pipelines.stages.baking import plan, rungs
-from pipelines.stages.baking.plan import BakePlan
-from pipelines.stages.baking.publish import publish
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.take import Take
-from studio.stream.attributes import VERSION
 from tests.support.sounds import clicks, write_wav
 from tests.support.streams import contents
+from v3studio.pipelines.config import Config, load_config
+from v3studio.pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, inputs, params
+from v3studio.pipelines.stages.baking import plan, rungs
+from v3studio.pipelines.stages.baking.plan import BakePlan
+from v3studio.pipelines.stages.baking.publish import publish
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.stream.attributes import VERSION
 
 MOST = [  # what is read only with these settings
     ("train.joint_iterations", 1),

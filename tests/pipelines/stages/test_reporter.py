@@ -6,12 +6,12 @@ from itertools import chain
 import numpy as np
 import pytest
 
-from pipelines.config import Config
-from pipelines.events import Progress
-from pipelines.events.cancellation import Cancellation
-from pipelines.stages.reporter import Countdown, StageReporter
-from pipelines.stages.train_group import Kind, TrainClock
-from pipelines.takes.groups import Group
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import Progress
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.stages.reporter import Countdown, StageReporter
+from v3studio.pipelines.stages.train_group import Kind, TrainClock
+from v3studio.pipelines.takes.groups import Group
 
 
 def simulated(seed: int) -> list[tuple[float, float]]:

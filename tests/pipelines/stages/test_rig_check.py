@@ -4,12 +4,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pipelines.config import load_config
-from pipelines.runs.runner import run
-from pipelines.takes.take import Take
-from studio.camera_files import write_rig
 from tests.support.errors import refuses
 from tests.support.rigs import intrinsics, ring
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.runs.runner import run
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import write_rig
 
 
 def test_masks_that_contradict_each_other_stop_it(tmp_path: Path) -> None:

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipelines.config import Config
-from pipelines.stages.inputs import Inputs
-from pipelines.stages.reporter import StageReporter
-from pipelines.stages.training_views import training_views
-from pipelines.takes.edits import change_edits
-from pipelines.takes.frame_files import read_about
-from pipelines.takes.take import Take
-from studio.edits import DetailMark, EditList
-from studio.training import TrainingView
 from tests.support.rigs import camera_at
 from tests.support.tiny_capture import settings_in
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.frame_files import read_about
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits import DetailMark, EditList
+from v3studio.studio.training import TrainingView
 
 
 def views_of(project: Path, *options: str) -> list[TrainingView]:

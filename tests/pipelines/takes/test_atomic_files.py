@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.atomic_files import atomic_path, disk_errors, sweep_partial, write_json, write_text
-from studio.atomic_files import machine_name
 from tests.support.errors import refuses
+from v3studio.pipelines.takes.atomic_files import atomic_path, disk_errors, sweep_partial, write_json, write_text
+from v3studio.studio.atomic_files import machine_name
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):

@@ -3,18 +3,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.takes.camera_paths import film_world, keys_in_take, path_keys
-from pipelines.takes.edits import change_edits
-from pipelines.takes.frame_files import FrameMetadata, write_frame
-from pipelines.takes.take import Take
-from pipelines.takes.videos import decoded_video, open_reader, trained_video
-from studio.edits import EditList, Trim, World
-from studio.formats.camera_path import Key, write_path_keys
-from studio.stream import CapturePlace
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.splats import converted_splats, write_group
 from tests.support.streams import bake_numbered, set_capture
+from v3studio.pipelines.takes.camera_paths import film_world, keys_in_take, path_keys
+from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.pipelines.takes.videos import decoded_video, open_reader, trained_video
+from v3studio.studio.edits import EditList, Trim, World
+from v3studio.studio.formats.camera_path import Key, write_path_keys
+from v3studio.studio.stream import CapturePlace
 
 POINTS = np.random.default_rng(1).normal(0, 0.3, (50, 3))
 WORLD = World(up=(0, 1, 0), origin=(0, 0.5, 0), scale=10)  # y up in the capture

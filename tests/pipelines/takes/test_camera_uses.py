@@ -1,10 +1,10 @@
 from pathlib import Path
 
-from pipelines.config import load_config
-from pipelines.takes.camera_uses import camera_uses, settings_of_uses
-from studio.capture import CaptureSettings
 from tests.support.errors import refuses
 from tests.support.tiny_capture import write_project
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.takes.camera_uses import camera_uses, settings_of_uses
+from v3studio.studio.capture import CaptureSettings
 
 
 def test_uses_of_cameras_become_settings(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from pipelines.takes.cancel_request import cancelled_on_request, request_cancel
-from pipelines.takes.take import Take
+from v3studio.pipelines.takes.cancel_request import cancelled_on_request, request_cancel
+from v3studio.pipelines.takes.take import Take
 
 WAIT = 60.0
 

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.edits import MOST_STEPS, change_edits, describe, read_edits, read_edits_file, step_edits
-from studio.edits.edit_list import CropBox, DetailMark, EditList, Ground, Trim, World
 from tests.support.errors import refuses
+from v3studio.pipelines.takes.edits import MOST_STEPS, change_edits, describe, read_edits, read_edits_file, step_edits
+from v3studio.studio.edits.edit_list import CropBox, DetailMark, EditList, Ground, Trim, World
 
 
 def trimmed(last: int) -> EditList:

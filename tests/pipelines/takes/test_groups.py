@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from pipelines.takes import groups
-from pipelines.takes.groups import FEWEST, MOST_MOTION, Group, cut_into_groups
+from v3studio.pipelines.takes import groups
+from v3studio.pipelines.takes.groups import FEWEST, MOST_MOTION, Group, cut_into_groups
 
 
 def lengths(motion: list[float], size: int = 30) -> list[int]:

@@ -7,16 +7,16 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from pipelines.stages import STAGE_NAMES
-from pipelines.takes.edits import change_edits
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.integrity import check_take
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.edits.edit_list import EditList, Trim
-from studio.formats.camera_path import Key, write_path_keys
 from tests.support import streams
 from tests.support.errors import refuses
+from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.integrity import check_take
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.edits.edit_list import EditList, Trim
+from v3studio.studio.formats.camera_path import Key, write_path_keys
 
 FRAME = "train/group_000/frame_000001.safetensors"
 

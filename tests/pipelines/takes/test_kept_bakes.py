@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import load_config
-from pipelines.stages import STAGE_NAMES
-from pipelines.takes.edits import read_edits
-from pipelines.takes.integrity import check_take
-from pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
-from pipelines.takes.settings_file import set_settings
-from pipelines.takes.take import Take
-from studio.edits.edit_list import CropBox, EditList
-from studio.stream import StreamReader
 from tests.support.errors import refuses
 from tests.support.sounds import clicks, write_wav
 from tests.support.streams import contents
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.integrity import check_take
+from v3studio.pipelines.takes.kept_bakes import choose_bake, keep_bake, kept_bakes
+from v3studio.pipelines.takes.settings_file import set_settings
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits.edit_list import CropBox, EditList
+from v3studio.studio.stream import StreamReader
 
 
 def replace_file(path: Path, data: bytes) -> None:

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.marks import Mark, change_mark, read_marks
 from tests.support.errors import refuses
+from v3studio.pipelines.takes.marks import Mark, change_mark, read_marks
 
 
 @pytest.mark.parametrize("frame", ["true", "1.9", "-5", "1e400", '"7"', "null", "[]", "9" * 5000])

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import load_config
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.path_here import path_here, places_to_look
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.path_here import path_here, places_to_look
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 
 def test_a_folder_is_found_where_this_machine_has_it(tmp_path: Path):

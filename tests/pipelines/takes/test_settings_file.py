@@ -2,10 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.config import load_config
-from pipelines.takes.settings_file import save_config, set_settings
-from studio.yaml_text import BOUNDS
 from tests.support.errors import refuses
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.takes.settings_file import save_config, set_settings
+from v3studio.studio.yaml_text import BOUNDS
 
 TEXT = """\
 # my capture

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.takes.take import TAKE_FORMAT, Take
-from studio.atomic_files import machine_name
 from tests.support.errors import refuses
+from v3studio.pipelines.takes.take import TAKE_FORMAT, Take
+from v3studio.studio.atomic_files import machine_name
 
 
 def test_what_is_no_take_is_not_taken_over(tmp_path):
@@ -42,7 +42,7 @@ def test_a_take_of_another_version_is_refused(tmp_path, written, found):
 HOLD = """
 import sys, time
 from pathlib import Path
-from pipelines.takes.take import Take
+from v3studio.pipelines.takes.take import Take
 with Take(Path(sys.argv[1])).locked("v3studio run"):
     print("held", flush=True)
     time.sleep(60)

@@ -4,9 +4,9 @@ import av
 import numpy as np
 import pytest
 
-from studio.audio import SAMPLE_RATE, SoundFile, cut_sound, encode_sound
 from tests.support.errors import refuses
 from tests.support.sounds import click_times, clicks, write_wav
+from v3studio.studio.audio import SAMPLE_RATE, SoundFile, cut_sound, encode_sound
 
 
 def read(cut):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from studio.calibration import align_points, align_rigs, compare_rigs
-from studio.calibration.alignment import scale_to_distance, upright
-from studio.cameras import Camera, Rig
-from studio.similarity import Similarity
 from tests.support import rigs
 from tests.support.errors import refuses
+from v3studio.studio.calibration import align_points, align_rigs, compare_rigs
+from v3studio.studio.calibration.alignment import scale_to_distance, upright
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.similarity import Similarity
 
 RANDOM = np.random.default_rng(4)
 

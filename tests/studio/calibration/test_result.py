@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from studio.calibration import floor_world, reprojection_report
-from studio.calibration.report import CalibrationReport
-from studio.calibration.result import image_coverage
-from studio.cameras import Rig
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at, ring
+from v3studio.studio.calibration import floor_world, reprojection_report
+from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.calibration.result import image_coverage
+from v3studio.studio.cameras import Rig
 
 K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
 PLACES = {"east": [2, 0, 0], "north": [0, 2, 0], "west": [-1, 0, 0]}

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.calibration.epipolar import PairMatches, fitting, match_images
-from studio.calibration.verdict import judge
-from studio.cameras import Camera
 from tests.support.rigs import intrinsics, ring
+from v3studio.studio.calibration.epipolar import PairMatches, fitting, match_images
+from v3studio.studio.calibration.verdict import judge
+from v3studio.studio.cameras import Camera
 
 Cameras = dict[str, Camera]
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studio.camera_files import read_rig, write_rig
 from tests.support.errors import refuses
 from tests.support.rigs import BENT, POINTS, STRAIGHT
+from v3studio.studio.camera_files import read_rig, write_rig
 
 pycolmap = pytest.importorskip("pycolmap")
 

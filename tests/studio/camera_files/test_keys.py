@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from studio.camera_files import read_rig
-from studio.cameras import Rig
-from studio.errors import StudioError
-from studio.json_types import JsonObject
 from tests.support.errors import refuses
 from tests.support.rigs import on_circle, pose
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
+from v3studio.studio.json_types import JsonObject
 
 BEND = [-0.3, 0.1, 0.001, -0.002, 0.02]
 POINTS = np.random.default_rng(5).uniform(-0.3, 0.3, (20, 3))

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Rig
 from tests.support.errors import refuses
 from tests.support.rigs import BENT, POINTS, STRAIGHT, assert_same_images, on_circle, pose
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Rig
 
 
 def easymocap(folder: Path) -> dict[str, np.ndarray]:

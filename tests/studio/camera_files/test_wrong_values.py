@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
-from studio.errors import StudioError
 from tests.support.errors import refuses
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.errors import StudioError
 
 K = np.array([[200.0, 0, 81], [0, 201, 60], [0, 0, 1]])
 BENT = Rig(tuple(Camera(name, 160, 120, K, np.eye(4), np.array([0.1, 0.01, 0, 0])) for name in "ab"))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.checks import check_footage
-from studio.capture.images import read_image
-from studio.errors import Cancelled
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture.images import read_image
+from v3studio.studio.errors import Cancelled
 
 
 def test_checking_can_be_stopped(image_folders: Path) -> None:

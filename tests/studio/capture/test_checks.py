@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.capture.checks import ColorDrift
+from v3studio.studio.capture.checks import ColorDrift
 
 FRAMES = range(10, 22)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from studio.capture.video import VideoReader
 from tests.support.chroma_video import write_yuv
+from v3studio.studio.capture.video import VideoReader
 
 GRAY = np.full((64, 96, 3), 128, np.uint8)
 

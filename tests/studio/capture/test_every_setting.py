@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipelines.stages.camera_file import camera_file
-from studio.cameras import Rig
-from studio.capture import CaptureSettings, open_footage
-from studio.errors import StudioError
-from studio.settings import affected
 from tests.support.sounds import clicks, write_wav
+from v3studio.pipelines.stages.camera_file import camera_file
+from v3studio.studio.cameras import Rig
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.errors import StudioError
+from v3studio.studio.settings import affected
 
 MODELS = Path(__file__).parents[1] / "masks" / "data"
 HEIGHT, WIDTH = 64, 96

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
-from studio.capture.inference import infer_layouts
-from studio.capture.patterns import find_files
 from tests.studio.capture.test_patterns import touch
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
+from v3studio.studio.capture.inference import infer_layouts
+from v3studio.studio.capture.patterns import find_files
 
 CAMERAS = ("cam0", "cam1", "cam2", "cam10")
 WORDS = ("left", "right", "front", "top")

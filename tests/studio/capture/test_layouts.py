@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.stages.camera_file import camera_file
-from studio.camera_files import read_rig, write_rig
-from studio.cameras import Camera, Rig
-from studio.capture import CaptureSettings, match_rig, open_footage
 from tests.studio.capture.test_patterns import touch
 from tests.support.errors import refuses
+from v3studio.pipelines.stages.camera_file import camera_file
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture import CaptureSettings, match_rig, open_footage
 
 WIDTH, HEIGHT = 96, 64
 # world to camera: turned about y and z, one meter to the side

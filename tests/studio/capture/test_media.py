@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from av.stream import Disposition
 
-from studio.audio.sound_file import SoundFile
-from studio.capture.timecode import read_timecode
-from studio.capture.video import VideoReader
+from v3studio.studio.audio.sound_file import SoundFile
+from v3studio.studio.capture.timecode import read_timecode
+from v3studio.studio.capture.video import VideoReader
 
 FILM = (96, 64)
 PREVIEW = ((48, 32), 12, Disposition(0))

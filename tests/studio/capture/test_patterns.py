@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
-from studio.capture.patterns import find_files
 from tests.support.errors import refuses
+from v3studio.studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
+from v3studio.studio.capture.patterns import find_files
 
 
 def touch(root: Path, *names: str) -> None:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, open_footage
 from tests.support.errors import refuses
 from tests.support.sounds import click_times, clicks, write_video, write_wav
+from v3studio.studio.capture import CaptureSettings, open_footage
 
 FPS = 25
 

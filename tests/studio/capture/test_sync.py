@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.sync import check_sync, offsets_of, sound_signal
 from tests.support.errors import refuses
 from tests.support.sounds import write_video
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.sync import check_sync, offsets_of, sound_signal
 
 FPS = 20
 LATE = {"a": 0, "b": 3, "c": -2, "d": 0}

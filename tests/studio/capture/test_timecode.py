@@ -9,10 +9,10 @@ import av
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.sync import check_sync
-from studio.capture.timecode import parse_timecode, read_timecode, timecode_offsets
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.sync import check_sync
+from v3studio.studio.capture.timecode import parse_timecode, read_timecode, timecode_offsets
 
 NTSC = Fraction(30000, 1001)
 GRAY = 70  # of the frame at which the latest camera starts; each later one is 8 brighter

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.images import image_header, read_image
-from studio.capture.transfer import linear_from_logc3, linear_from_slog3, srgb_from_linear
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.images import image_header, read_image
+from v3studio.studio.capture.transfer import linear_from_logc3, linear_from_slog3, srgb_from_linear
 
 LIGHT = np.linspace(0, 1, 24 * 32 * 3).reshape(24, 32, 3)
 """Linear light."""

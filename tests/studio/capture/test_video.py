@@ -7,9 +7,9 @@ import av
 import numpy as np
 import pytest
 
-from studio.capture.video import VideoReader
-from studio.errors import StudioError
 from tests.support.errors import refuses
+from v3studio.studio.capture.video import VideoReader
+from v3studio.studio.errors import StudioError
 
 NOISE = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), dtype=np.uint8)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.camera_files import read_rig
-from studio.capture import CaptureSettings, open_footage
-from studio.comparison import evaluate
-from studio.masks import FunctionMaskSource
 from tests.support.splats import round_splats
 from tests.support.tiny_capture import write_capture
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.comparison import evaluate
+from v3studio.studio.masks import FunctionMaskSource
 
 FAR_AWAY = round_splats(torch.full((1, 3), 1e4))
 """A splat that no camera sees."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.comparison import Residual, flicker_of
+from v3studio.studio.comparison import Residual, flicker_of
 
 
 def at(top: int, left: int, values: np.ndarray) -> Residual:

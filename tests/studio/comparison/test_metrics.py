@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.comparison import ViewPair, find_camera, measure, padded_box
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
 from tests.support.rigs import camera_at
 from tests.support.splats import round_splats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.comparison import ViewPair, find_camera, measure, padded_box
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
 
 WIDTH, HEIGHT = 64, 48
 

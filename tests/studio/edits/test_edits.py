@@ -9,14 +9,14 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, select
-from studio.edits.selection import distance_to_path, in_polygon
-from studio.formats.rigid_motion import placed
-from studio.rasterizer import rasterize
-from studio.similarity import Similarity, rotation_between
-from studio.stream import CapturePlace, StreamMetadata
 from tests.support.rigs import camera_at
 from tests.support.splats import converted_splats
+from v3studio.studio.edits import CropBox, EditList, Floaters, Ground, Paths, Region, RegionView, select
+from v3studio.studio.edits.selection import distance_to_path, in_polygon
+from v3studio.studio.formats.rigid_motion import placed
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.similarity import Similarity, rotation_between
+from v3studio.studio.stream import CapturePlace, StreamMetadata
 
 TURN = rotation_between(np.array([0.3, 0.2, 1.0]), np.array([0.0, 1.0, 0.0]))
 WORLD = Similarity(2.5, TURN, np.array([0.4, -1.0, 3.0]))

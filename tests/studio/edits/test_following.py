@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from studio.edits import DetailMark, follow
 from tests.support.errors import refuses
+from v3studio.studio.edits import DetailMark, follow
 
 GROUPS = [range(6), range(6, 11), range(11, 20)]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.splat_video import SplatVideo
 from tests.support.splats import cloud
 from tests.support.splats import noise as noise_of
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.splat_video import SplatVideo
 
 
 def body(frame: int, count: int, degree: int, seed: int) -> Gaussians:

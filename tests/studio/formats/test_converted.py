@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from studio.formats import read_splats, splats_size, write_splats
-from studio.gaussians import Gaussians
 from tests.support.splats import COUNT, converted_splats
+from v3studio.studio.formats import read_splats, splats_size, write_splats
+from v3studio.studio.gaussians import Gaussians
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
 CONVERTED = sorted(path for path in [*DATA.glob("degree*"), *DATA.glob("sog/*/meta.json")])

@@ -16,9 +16,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from studio.errors import StudioError
-from studio.formats import read_splats, splats_size
 from tests.support.errors import refuses
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import read_splats, splats_size
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
 FILES = (

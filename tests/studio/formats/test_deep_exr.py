@@ -4,13 +4,13 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from studio.cameras import Camera
-from studio.formats.exr import export_exr
-from studio.formats.plates import Shutter
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
 from tests.studio.formats.test_exr import CAMERA, EYE, over, splat
+from v3studio.studio.cameras import Camera
+from v3studio.studio.formats.exr import export_exr
+from v3studio.studio.formats.plates import Shutter
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
 
 
 def exported(folder, video: SplatVideo, camera: Camera, deep: int, **options):  # type: ignore[no-untyped-def]

@@ -7,13 +7,13 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.cameras import Camera, look_at_pose
-from studio.errors import StudioError
-from studio.formats import read_splats
-from studio.formats.rigid_motion import turned, upright
-from studio.formats.sequence import axes_of, export_frame, export_sequence
-from studio.rasterizer import rasterize
 from tests.support.errors import refuses
+from v3studio.studio.cameras import Camera, look_at_pose
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import read_splats
+from v3studio.studio.formats.rigid_motion import turned, upright
+from v3studio.studio.formats.sequence import axes_of, export_frame, export_sequence
+from v3studio.studio.rasterizer import rasterize
 
 K = np.array([[90.0, 0, 40], [0, 90, 32], [0, 0, 1]])
 

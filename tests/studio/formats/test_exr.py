@@ -8,14 +8,14 @@ import OpenEXR
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.formats.exr import MAX_DEEP, export_exr
-from studio.formats.plates import FAR, Shutter
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
 from tests.support.errors import refuses
+from v3studio.studio.cameras import Camera
+from v3studio.studio.formats.exr import MAX_DEEP, export_exr
+from v3studio.studio.formats.plates import FAR, Shutter
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
 
 EYE, FOCAL = 3.0, 60.0
 CAMERA = Camera.look_at((0, 0, EYE), (0, 0, 0), width=64, height=48, field_of_view=43.6)  # looks along -z, y is up

@@ -7,12 +7,12 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 
-from studio.formats import nuke_cameras, usd_cameras
-from studio.formats.camera_path import CameraPath, read_film_keys
-from studio.formats.usd import export_usd
-from studio.similarity import Similarity
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
+from v3studio.studio.formats import nuke_cameras, usd_cameras
+from v3studio.studio.formats.camera_path import CameraPath, read_film_keys
+from v3studio.studio.formats.usd import export_usd
+from v3studio.studio.similarity import Similarity
 
 SIZE = (640, 360)
 

@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from studio.formats import write_splats
+from v3studio.studio.formats import write_splats
 
 TYPES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 COMPONENTS = {5121: np.dtype("u1"), 5126: np.dtype("<f4")}

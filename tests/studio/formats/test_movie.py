@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from studio.camera_files import write_rig_json
-from studio.cameras import Camera, Rig, look_at_pose
-from studio.formats.camera_path import (
+from tests.support.errors import refuses
+from v3studio.studio.camera_files import write_rig_json
+from v3studio.studio.cameras import Camera, Rig, look_at_pose
+from v3studio.studio.formats.camera_path import (
     CameraPath,
     Key,
     read_path_keys,
@@ -19,9 +20,8 @@ from studio.formats.camera_path import (
     turntable,
     write_path_keys,
 )
-from studio.formats.movie import render_movie
-from studio.rasterizer import rasterize
-from tests.support.errors import refuses
+from v3studio.studio.formats.movie import render_movie
+from v3studio.studio.rasterizer import rasterize
 
 K = np.array([[100.0, 0, 60], [0, 100, 40], [0, 0, 1]])
 UP = np.array([0.0, 0, 1])

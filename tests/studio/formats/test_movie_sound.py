@@ -6,10 +6,10 @@ import av
 import numpy as np
 import pytest
 
-from studio.formats.camera_path import CameraPath, Key
-from studio.formats.movie import movie_sound, render_movie
 from tests.studio.formats.test_movie import camera
 from tests.support.sounds import ArrayPcm, click_times, clicks
+from v3studio.studio.formats.camera_path import CameraPath, Key
+from v3studio.studio.formats.movie import movie_sound, render_movie
 
 FPS = 20
 CLICK = 2 / FPS  # in frame 2

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.formats.exr import export_exr
-from studio.formats.performers import separated
-from studio.gaussians import Gaussians
-from studio.similarity import Similarity
-from studio.splat_video import SplatVideo
 from tests.support.errors import refuses
 from tests.support.splats import round_splats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.formats.exr import export_exr
+from v3studio.studio.formats.performers import separated
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.splat_video import SplatVideo
 
 OpenEXR = pytest.importorskip("OpenEXR")
 

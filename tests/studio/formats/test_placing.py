@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pytest
 
-from studio.cameras import Camera
-from studio.errors import Cancelled
-from studio.formats.exr import export_exr
-from studio.formats.movie import render_movie
-from studio.formats.sequence import export_sequence
-from studio.formats.usd import export_usd
-from studio.formats.videogs import export_videogs
-from studio.similarity import Similarity
 from tests.support.errors import refuses
 from tests.support.streams import contents
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.formats.exr import export_exr
+from v3studio.studio.formats.movie import render_movie
+from v3studio.studio.formats.sequence import export_sequence
+from v3studio.studio.formats.usd import export_usd
+from v3studio.studio.formats.videogs import export_videogs
+from v3studio.studio.similarity import Similarity
 
 CAMERA = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=64, height=48)
 

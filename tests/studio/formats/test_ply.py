@@ -8,8 +8,8 @@ import open3d as o3d
 import pytest
 import torch
 
-from studio.formats import FRAME_FILES, read_splats, splats_size, write_splats
 from tests.support.errors import refuses
+from v3studio.studio.formats import FRAME_FILES, read_splats, splats_size, write_splats
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])

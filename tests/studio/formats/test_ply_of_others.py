@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
-from studio.errors import StudioError
-from studio.formats import read_splats, up_of
 from tests.support.errors import refuses
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import read_splats, up_of
 
 COUNT = 50
 

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 import torch
 
-from studio.errors import Cancelled
-from studio.formats import write_splats
-from studio.formats.baking import bake_video, cut
-from studio.formats.frame_files import find_frames, frame_numbers
-from studio.formats.sequence import open_import
-from studio.formats.videogs import export_videogs
-from studio.gaussians import Gaussians
-from studio.playback import play_headless
-from studio.splat_video import SplatVideo
-from studio.stream import BakeSettings, StreamReader
 from tests.studio.formats.test_ply_of_others import saved
 from tests.support.errors import refuses
 from tests.support.performer import covariances
 from tests.support.splats import cloud
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.formats import write_splats
+from v3studio.studio.formats.baking import bake_video, cut
+from v3studio.studio.formats.frame_files import find_frames, frame_numbers
+from v3studio.studio.formats.sequence import open_import
+from v3studio.studio.formats.videogs import export_videogs
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.playback import play_headless
+from v3studio.studio.splat_video import SplatVideo
+from v3studio.studio.stream import BakeSettings, StreamReader
 
 SPLATS = Path(__file__).parents[2] / "data" / "splats"
 

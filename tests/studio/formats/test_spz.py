@@ -14,12 +14,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from studio.errors import StudioError
-from studio.formats import read_splats, splats_size, write_splats
-from studio.rasterizer.spherical_harmonics import sh_basis
-from studio.torch_rotations import quats_to_matrices
 from tests.studio.formats.test_damage import each_is_refused, with_record
 from tests.support.errors import refuses
+from v3studio.studio.errors import StudioError
+from v3studio.studio.formats import read_splats, splats_size, write_splats
+from v3studio.studio.rasterizer.spherical_harmonics import sh_basis
+from v3studio.studio.torch_rotations import quats_to_matrices
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
 

@@ -9,14 +9,14 @@ import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdMedia, UsdValidation, UsdVol
 
-from studio.formats.rigid_motion import scaled, turned
-from studio.formats.sequence import axes_of, open_import
-from studio.formats.usd import UsdFrames, export_usd
-from studio.rotations import quats_to_matrices
-from studio.similarity import Similarity
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.sounds import ArrayPcm
+from v3studio.studio.formats.rigid_motion import scaled, turned
+from v3studio.studio.formats.sequence import axes_of, open_import
+from v3studio.studio.formats.usd import UsdFrames, export_usd
+from v3studio.studio.rotations import quats_to_matrices
+from v3studio.studio.similarity import Similarity
 
 SH = "radiance:sphericalHarmonicsCoefficients"
 RAMP = np.linspace(-1, 1, 2400, dtype=np.float32)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from studio.formats.sequence import open_import
-from studio.formats.videogs import export_videogs, open_videogs
 from tests.support.errors import refuses
+from v3studio.studio.formats.sequence import open_import
+from v3studio.studio.formats.videogs import export_videogs, open_videogs
 
 
 def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from studio.cameras import Camera
-from studio.capture.settings import DifferenceSettings
+from v3studio.studio.cameras import Camera
+from v3studio.studio.capture.settings import DifferenceSettings
 
 USUAL = DifferenceSettings()
 

@@ -7,16 +7,16 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, Footage, open_footage
-from studio.capture.checks import check_footage
-from studio.masks import chroma_key
-from studio.masks.chroma_key import chroma_mask
-from studio.masks.clean_plate import DifferenceSettings
-from studio.masks.despill import despill
-from studio.masks.screen_color import find_screen
 from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
+from v3studio.studio.capture import CaptureSettings, Footage, open_footage
+from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.masks import chroma_key
+from v3studio.studio.masks.chroma_key import chroma_mask
+from v3studio.studio.masks.clean_plate import DifferenceSettings
+from v3studio.studio.masks.despill import despill
+from v3studio.studio.masks.screen_color import find_screen
 
 GREEN, BLUE, RED, YELLOW = (60, 165, 80), (40, 80, 190), (190, 40, 45), (200, 180, 40)
 SKIN, WHITE, DARK = (205, 150, 125), (225, 220, 215), (25, 25, 28)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from studio.capture.settings import DifferenceSettings
-from studio.masks.clean_plate import difference_evidence, match_exposure
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.clean_plate import difference_evidence, match_exposure
 
 PLAIN = DifferenceSettings(mask_shadows="none")
 BRIGHTER = 20.0

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.masks.clean_plate import Background, DifferenceSettings, difference_mask
 from tests.studio.masks.scenes import disc, filmed, over, overlap
+from v3studio.studio.masks.clean_plate import Background, DifferenceSettings, difference_mask
 
 SHAPE = (240, 360)
 ORANGE, BLUE = np.array([210.0, 100.0, 40.0]), np.array([60.0, 90.0, 160.0])

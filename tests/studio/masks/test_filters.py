@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studio.masks.filters import color_bins, color_table, guided_filter, keep_components, odds_of_colors
+from v3studio.studio.masks.filters import color_bins, color_table, guided_filter, keep_components, odds_of_colors
 
 
 def test_the_guided_filter_is_that_of_its_paper() -> None:

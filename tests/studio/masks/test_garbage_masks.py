@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, open_footage
-from studio.masks import FunctionMaskSource
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.masks import FunctionMaskSource
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.checks import check_footage
-from studio.yaml_text import parse_yaml
 from tests.studio.capture.test_transfer import exr as write_exr
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.yaml_text import parse_yaml
 
 WIDTH, HEIGHT = 96, 64
 INSIDE = np.zeros((HEIGHT, WIDTH), bool)

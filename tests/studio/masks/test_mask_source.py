@@ -7,12 +7,12 @@ from unittest.mock import Mock
 import cv2
 import numpy as np
 
-from studio.camera_files import read_rig
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.checks import check_footage
-from studio.masks.clean_plate import Background, difference_mask
-from studio.masks.median_background import cached_background, estimate_background
 from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.masks.clean_plate import Background, difference_mask
+from v3studio.studio.masks.median_background import cached_background, estimate_background
 
 SHAPE = (160, 240)
 NOBODY = np.zeros(SHAPE)

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.checks import check_footage
-from studio.masks import FunctionMaskSource
-from studio.masks.matting_model import KINDS, Kind, MattingModel, largest_components, preprocess, providers
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.masks import FunctionMaskSource
+from v3studio.studio.masks.matting_model import KINDS, Kind, MattingModel, largest_components, preprocess, providers
 
 DATA = Path(__file__).parent / "data"
 

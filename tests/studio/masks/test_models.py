@@ -11,8 +11,8 @@ from threading import Thread
 
 import pytest
 
-from studio.masks.models import MODELS, Model, get_model, model_named
 from tests.support.errors import refuses
+from v3studio.studio.masks.models import MODELS, Model, get_model, model_named
 
 WEIGHTS = bytes(range(256)) * 40
 

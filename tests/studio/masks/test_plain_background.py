@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.checks import check_footage
-from studio.masks.plain_background import plain_color, plain_mask
 from tests.studio.masks.scenes import overlap
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.masks.plain_background import plain_color, plain_mask
 
 SIZE = 160
 

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from studio.cameras import Camera, Rig
 from tests.support.rigs import intrinsics, ring
+from v3studio.studio.cameras import Camera, Rig
 
 
 @dataclass

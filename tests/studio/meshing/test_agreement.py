@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from studio.meshing.agreement import contradicting, frame_that_fits, mask_agreement
-from studio.meshing.silhouettes import silhouettes
 from tests.studio.meshing.conftest import two_balls
+from v3studio.studio.meshing.agreement import contradicting, frame_that_fits, mask_agreement
+from v3studio.studio.meshing.silhouettes import silhouettes
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])

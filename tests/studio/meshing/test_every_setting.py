@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from studio.meshing import InitializeSettings, initialize_points
-from studio.settings import affected
 from tests.studio.meshing.conftest import two_balls
+from v3studio.studio.meshing import InitializeSettings, initialize_points
+from v3studio.studio.settings import affected
 
 BASE = {"points": 200, "resolution": 16, "max_faces": 400}
 CHANGES = {"points": 201, "resolution": 24, "tolerance": 0.0, "max_faces": 200}

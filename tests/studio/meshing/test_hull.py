@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import torch
 
-from studio.camera_files import read_rig
-from studio.capture.video import VideoReader
-from studio.errors import StudioError
-from studio.meshing import HullResult, InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
-from studio.meshing.silhouettes import signed_distance, silhouettes
 from tests.studio.meshing.conftest import Shot, color_of, distance_to_balls, two_balls
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.capture.video import VideoReader
+from v3studio.studio.errors import StudioError
+from v3studio.studio.meshing import HullResult, InitializeSettings, Mesh, initialize_points, sample_surface, visual_hull
+from v3studio.studio.meshing.silhouettes import signed_distance, silhouettes
 
 COARSE = InitializeSettings(resolution=48, max_faces=100_000)
 SAMPLE = Path(__file__).parents[3] / "sample_captures" / "walk16"

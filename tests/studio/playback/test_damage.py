@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from studio.playback import play_headless
-from studio.stream import Source, SourceUnavailable
 from tests.support.errors import refuses
 from tests.support.streams import best_of, damage, edit_manifest, opacity_file, put_file
+from v3studio.studio.playback import play_headless
+from v3studio.studio.stream import Source, SourceUnavailable
 
 
 def number(played) -> int:

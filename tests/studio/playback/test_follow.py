@@ -4,9 +4,9 @@ import threading
 
 import pytest
 
-from studio.errors import StudioError
-from studio.playback import follow
-from studio.stream import SourceUnavailable
+from v3studio.studio.errors import StudioError
+from v3studio.studio.playback import follow
+from v3studio.studio.stream import SourceUnavailable
 
 AWAY = SourceUnavailable("stream.unreachable", "The server does not answer.")
 DAMAGED = StudioError("stream.manifest", "The manifest ends in the middle.")

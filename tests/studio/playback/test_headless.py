@@ -1,9 +1,9 @@
 import pytest
 
-from studio.errors import Cancelled
-from studio.playback import play_headless
-from studio.stream import StreamReader
 from tests.support.errors import refuses
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.playback import play_headless
+from v3studio.studio.stream import StreamReader
 
 
 def test_all_frames_in_order(stream):

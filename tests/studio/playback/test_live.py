@@ -4,10 +4,10 @@ import time
 
 import pytest
 
-from studio.playback import follow, play_headless
-from studio.stream import BakeSettings
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered
+from v3studio.studio.playback import follow, play_headless
+from v3studio.studio.stream import BakeSettings
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import pytest
 
-from studio.playback import RateRule, play_headless
-from studio.stream import FolderSource, StreamReader
 from tests.studio.stream.conftest import turned_bodies, write_stream
+from v3studio.studio.playback import RateRule, play_headless
+from v3studio.studio.stream import FolderSource, StreamReader
 
 RATES = (8_000_000, 4_000_000, 2_000_000, 500_000)  # as in a manifest: the best first
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from studio.playback.sound_player import SoundPlayer
 from tests.support.sounds import ArrayPcm, FakeOutput
 from tests.support.waiting import wait_until
+from v3studio.studio.playback.sound_player import SoundPlayer
 
 SECONDS = 0.4
 RAMP = np.linspace(0, 0.5, round(SECONDS * 48_000), dtype=np.float32)[:, None]

@@ -4,11 +4,11 @@ from contextlib import closing
 
 import pytest
 
-from studio.errors import StudioError
-from studio.playback import LeftOut, RateRule, StreamFrames, stream_frames
-from studio.stream import DecodedFrame, GroupDecoder, StreamReader
 from tests.support.streams import opacity_file
 from tests.support.waiting import wait_until
+from v3studio.studio.errors import StudioError
+from v3studio.studio.playback import LeftOut, RateRule, StreamFrames, stream_frames
+from v3studio.studio.stream import DecodedFrame, GroupDecoder, StreamReader
 
 
 def test_frames_in_any_order_are_the_ones_that_were_baked(stream):

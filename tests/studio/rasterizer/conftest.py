@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize, set_kernel_threads
-from studio.rasterizer.reference import project, visible_radii
-from studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize, set_kernel_threads
+from v3studio.studio.rasterizer.reference import project, visible_radii
+from v3studio.studio.rasterizer.types import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 
 
 def make_camera(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
-from studio.rasterizer.triton_backend import Views, bin_splats, project_all
 from tests.studio.rasterizer.conftest import assert_same, draw, make_camera, make_splats, sturdy_pixels
 from tests.support.errors import refuses
+from v3studio.studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
+from v3studio.studio.rasterizer.triton_backend import Views, bin_splats, project_all
 
 
 @pytest.fixture

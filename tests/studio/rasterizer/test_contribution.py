@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from studio.rasterizer import rasterize
-from studio.rasterizer.contribution import contribution
 from tests.studio.rasterizer.conftest import make_camera, make_splats
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.rasterizer.contribution import contribution
 
 
 def test_weights_sum_to_alpha():

@@ -7,9 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from studio.rasterizer.cpu import load_kernels
 from tests.studio.rasterizer.conftest import (
     assert_same,
     assert_same_by_any_threads,
@@ -19,6 +16,9 @@ from tests.studio.rasterizer.conftest import (
     sturdy_pixels,
 )
 from tests.support.errors import refuses
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.rasterizer.cpu import load_kernels
 
 
 def compare(splats, camera, **options) -> None:
@@ -239,6 +239,6 @@ def test_kernels_check_the_sizes_of_arrays() -> None:
 
 
 def test_kernels_of_other_sources_are_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.rasterizer.cpu.KERNEL_INTERFACE", 0)
+    monkeypatch.setattr("v3studio.studio.rasterizer.cpu.KERNEL_INTERFACE", 0)
     with refuses("rasterizer.kernels_missing"):
         load_kernels()

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize, set_kernel_threads
-from studio.rasterizer.cpu import kernel_threads
 from tests.studio.rasterizer.conftest import make_camera, make_splats
 from tests.support.errors import refuses
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize, set_kernel_threads
+from v3studio.studio.rasterizer.cpu import kernel_threads
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.gaussians import SH_C0, Gaussians
-from studio.rasterizer import rasterize
-from studio.rasterizer.reference import project
-from studio.rasterizer.spherical_harmonics import sh_basis
 from tests.studio.rasterizer.conftest import make_camera, make_splats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.rasterizer.reference import project
+from v3studio.studio.rasterizer.spherical_harmonics import sh_basis
 
 AHEAD = Camera("ahead", 21, 15, np.array([[30.0, 0, 10.5], [0, 30.0, 7.5], [0, 0, 1]]), np.eye(4))
 

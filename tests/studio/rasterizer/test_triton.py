@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
 from tests.studio.rasterizer.conftest import assert_same, draw, make_camera, make_splats, sturdy_pixels
 from tests.support.errors import refuses
 from tests.support.triton import compile_kernels, needs_triton, run_interpreted
 from tests.support.warm_python import warm_python
+from v3studio.studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
 
 pytestmark = pytest.mark.long
 
@@ -22,8 +22,8 @@ def test_the_interpreted_kernels_against_the_reference() -> None:
 @needs_triton
 def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    from studio.rasterizer import triton_kernels
-    from studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS, PROJECT_WARPS
+    from v3studio.studio.rasterizer import triton_kernels
+    from v3studio.studio.rasterizer.triton_backend import BACKWARD_WARPS, FORWARD_WARPS, PROJECT_WARPS
 
     types = {
         **dict.fromkeys(("owners", "last", "frames", "boxes", "ranks"), "*i32"),
@@ -48,7 +48,7 @@ def test_the_choice_on_a_gpu(installed: bool) -> None:
     code = f"""
 import importlib.util
 import torch
-from studio.rasterizer import available_backends, preferred_device
+from v3studio.studio.rasterizer import available_backends, preferred_device
 find = importlib.util.find_spec
 torch.cuda.is_available = lambda: True
 importlib.util.find_spec = lambda name: ({installed} or None) if name == "triton" else find(name)

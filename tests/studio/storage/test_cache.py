@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.storage.cache import DiskCache
+from v3studio.studio.storage.cache import DiskCache
 
 
 def test_it_may_be_deleted_while_it_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import s3fs
 
-from studio.capture import CaptureSettings, open_footage
-from studio.capture.digest import digest_files
-from studio.capture.video import VideoReader
-from studio.errors import StudioError
-from studio.storage import cached_object, mirrored, objects, store, whole_files
-from studio.storage.store import without_secrets
 from tests.support.object_store import SECRET, Faults, ObjectStore
 from tests.support.tiny_capture import write_capture
+from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture.digest import digest_files
+from v3studio.studio.capture.video import VideoReader
+from v3studio.studio.errors import StudioError
+from v3studio.studio.storage import cached_object, mirrored, objects, store, whole_files
+from v3studio.studio.storage.store import without_secrets
 
 DAY = "s3://studio/day1"
 

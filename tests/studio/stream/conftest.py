@@ -9,13 +9,13 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.audio import SoundFile, cut_sound
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
-from studio.stream.encode import write_manifest as manifest_writer
 from tests.support import sounds
 from tests.support.shared import made_once
 from tests.support.splats import noise
+from v3studio.studio.audio import SoundFile, cut_sound
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
+from v3studio.studio.stream.encode import write_manifest as manifest_writer
 
 LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 KINDS: dict[str, dict[str, Any]] = {

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from studio.errors import Cancelled, StudioError
-from studio.stream import BakeSettings, bake_group, write_manifest
-from studio.stream.video import PlaneEncoder
 from tests.studio.stream.conftest import clouds
 from tests.support.errors import refuses
 from tests.support.streams import contents
+from v3studio.studio.errors import Cancelled, StudioError
+from v3studio.studio.stream import BakeSettings, bake_group, write_manifest
+from v3studio.studio.stream.video import PlaneEncoder
 
 PLANES = BakeSettings(profile="planes")
 

@@ -5,14 +5,14 @@ import shutil
 
 import pytest
 
-from studio.errors import StudioError
-from studio.stream import BakeSettings, StreamReader, bake_group, check_stream, write_manifest
-from studio.stream.encode.bake import luma_checks
-from studio.stream.sidefile import deflate
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
 from tests.support.streams import best_of, damage, edit_manifest, group_files, only, put_file, set_at
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, check_stream, write_manifest
+from v3studio.studio.stream.encode.bake import luma_checks
+from v3studio.studio.stream.sidefile import deflate
 
 FIRST = ("groups", 0, "renditions", 0)
 

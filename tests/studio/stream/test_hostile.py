@@ -5,9 +5,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from studio.stream import BakeSettings
 from tests.support.hostile_streams import Files, mutate, mutate_sound, read_all
 from tests.support.streams import bake_numbered, contents
+from v3studio.studio.stream import BakeSettings
 
 NUMBERS = st.integers(0, 2**32)
 quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])

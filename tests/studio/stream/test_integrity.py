@@ -2,10 +2,10 @@
 
 import pytest
 
-from pipelines.cli import execute
-from studio.stream import StreamReader, check_stream
-from studio.stream.write_archive import write_archive
 from tests.support.streams import flip
+from v3studio.pipelines.cli import execute
+from v3studio.studio.stream import StreamReader, check_stream
+from v3studio.studio.stream.write_archive import write_archive
 
 
 @pytest.fixture

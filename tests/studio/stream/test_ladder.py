@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, check_stream
-from studio.stream.encode import write_manifest as manifest_writer
-from studio.stream.sources.source import FolderSource
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
 from tests.support.streams import best_of, contents, only
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, check_stream
+from v3studio.studio.stream.encode import write_manifest as manifest_writer
+from v3studio.studio.stream.sources.source import FolderSource
 
 
 def manifest_of(folder):

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, check_stream
-from studio.stream.encode import write_manifest as manifest_writer
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, only
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, check_stream
+from v3studio.studio.stream.encode import write_manifest as manifest_writer
 
 LADDER = (Rung(qp=24), Rung(qp=34))
 

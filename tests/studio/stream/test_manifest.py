@@ -11,13 +11,13 @@ import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from studio.errors import StudioError
-from studio.stream import StreamReader, check_stream, manifest
-from studio.stream.manifest_file import VERSION, manifest_schema, parse_manifest
 from tests.studio.formats.test_damage import at_most
 from tests.support.errors import refuses
 from tests.support.hostile_streams import changed_manifest
 from tests.support.streams import edit_manifest, put_file, set_at, write_sealed
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import StreamReader, check_stream, manifest
+from v3studio.studio.stream.manifest_file import VERSION, manifest_schema, parse_manifest
 
 ROOT = Path(__file__).parents[3]
 SCHEMA = ROOT / "docs" / "stream.schema.json"

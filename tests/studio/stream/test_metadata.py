@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from studio.cameras import Camera
-from studio.stream import StreamMetadata
-from studio.stream.metadata import plain_text, with_plain_texts
 from tests.support.errors import refuses
+from v3studio.studio.cameras import Camera
+from v3studio.studio.stream import StreamMetadata
+from v3studio.studio.stream.metadata import plain_text, with_plain_texts
 
 CAMERA = Camera("cam00", 80, 60, np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]]), np.eye(4))
 

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studio.stream.morton import MORTON_BITS, interleave, morton_order
+from v3studio.studio.stream.morton import MORTON_BITS, interleave, morton_order
 
 coordinate = st.integers(0, (1 << MORTON_BITS) - 1)
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from studio.stream.motion_blocks import Blocks, find_blocks
+from v3studio.studio.stream.motion_blocks import Blocks, find_blocks
 
 
 def two_bodies(splats=2000, frames=5):

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from studio.stream.morton import deinterleave, interleave, square_scan
-from studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate
 from tests.studio.formats.test_damage import at_most
+from v3studio.studio.stream.morton import deinterleave, interleave, square_scan
+from v3studio.studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate
 
 CELLS = st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=60)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.stream.attributes import components
-from studio.stream.layout import component_frames
-from studio.stream.planes_coding import PlanesCoding
-from studio.stream.quantize import LEVELS_8, dequantize, quantize
 from tests.studio.rasterizer.conftest import make_splats
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream.attributes import components
+from v3studio.studio.stream.layout import component_frames
+from v3studio.studio.stream.planes_coding import PlanesCoding
+from v3studio.studio.stream.quantize import LEVELS_8, dequantize, quantize
 
 
 def random_gaussians(count: int, seed: int = 0, dtype: torch.dtype = torch.float32) -> Gaussians:

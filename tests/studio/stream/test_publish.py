@@ -2,11 +2,11 @@
 
 import pytest
 
-from studio.errors import Cancelled
-from studio.stream import Rung, StreamReader, check_stream
-from studio.stream.publish import publish
 from tests.support.errors import refuses
 from tests.support.streams import contents
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.stream import Rung, StreamReader, check_stream
+from v3studio.studio.stream.publish import publish
 
 
 def test_what_is_there_is_not_copied_again(make_ladder, tmp_path):

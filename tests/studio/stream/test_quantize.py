@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes, quantize, split_bytes
+from v3studio.studio.stream.quantize import LEVELS_8, LEVELS_16, dequantize, join_bytes, quantize, split_bytes
 
 ALL_CODES = np.arange(65536, dtype=np.uint16)
 

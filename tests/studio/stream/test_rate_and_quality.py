@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import torch
 
-from studio.metrics import psnr
-from studio.rasterizer import rasterize
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 from tests.support.performer import attribute_errors, performer
 from tests.support.rigs import ring
+from v3studio.studio.metrics import psnr
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 
 RECORDED = Path(__file__).with_name("rate_and_quality.json")
 CASES: dict[str, dict[str, Any]] = {

@@ -12,15 +12,15 @@ import torch
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.codecs import CODECS
-from studio.stream.morton import morton_order
 from tests.studio.stream.conftest import clouds, turned_bodies
 from tests.support.errors import refuses
 from tests.support.performer import attribute_errors, performer
 from tests.support.splats import same_splats
 from tests.support.streams import contents
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from v3studio.studio.stream.codecs import CODECS
+from v3studio.studio.stream.morton import morton_order
 
 PROFILES = ("motion", "planes")
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.stream import BakeSettings, bake_group, write_manifest
-from studio.stream.metadata import StreamMetadata
-from studio.stream.suggested_view import suggested_view
 from tests.support.rigs import ring
 from tests.support.tiny_capture import ROOT
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.stream import BakeSettings, bake_group, write_manifest
+from v3studio.studio.stream.metadata import StreamMetadata
+from v3studio.studio.stream.suggested_view import suggested_view
 
 
 def bake(folder: Path) -> str:

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 import torch
 
-from studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
-from studio.stream.encode import write_manifest as manifest_writer
-from studio.stream.write_archive import write_archive
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.performer import covariances
 from tests.support.streams import only
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from v3studio.studio.stream.encode import write_manifest as manifest_writer
+from v3studio.studio.stream.write_archive import write_archive
 
 ROOT = Path(__file__).parents[3]
 DOCUMENT = ROOT / "docs" / "STREAM.md"

@@ -1,8 +1,8 @@
 import pytest
 
-from studio.stream import BakeSettings
-from studio.stream.attributes import ATTRIBUTES
 from tests.support.settings import refuses_setting
+from v3studio.studio.stream import BakeSettings
+from v3studio.studio.stream.attributes import ATTRIBUTES
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from studio.stream.shapes import ENTRIES, shape_axes, shapes_of
+from v3studio.studio.stream.shapes import ENTRIES, shape_axes, shapes_of
 
 
 def some(count, seed=0):

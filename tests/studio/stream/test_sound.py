@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from studio.stream import StreamReader, check_stream
 from tests.support.errors import refuses
 from tests.support.sounds import click_times
 from tests.support.streams import put_file, write_sealed
+from v3studio.studio.stream import StreamReader, check_stream
 
 CLICKS = [0.2, 0.7, 1.1]
 

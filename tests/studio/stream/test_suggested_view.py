@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera, look_at_pose
-from studio.stream.suggested_view import eye_level_view, seen_box, suggested_view
 from tests.support.splats import round_splats
+from v3studio.studio.cameras import Camera, look_at_pose
+from v3studio.studio.stream.suggested_view import eye_level_view, seen_box, suggested_view
 
 UP = np.array([0.0, 0.0, 2.0])
 LOW, HIGH = (-0.5, -0.3, 0.0), (0.7, 0.4, 1.8)

@@ -5,9 +5,9 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.stream import BakeSettings, bake_group
-from studio.stream.video import PlaneDecoder, PlaneEncoder
 from tests.studio.stream.conftest import turned_bodies
+from v3studio.studio.stream import BakeSettings, bake_group
+from v3studio.studio.stream.video import PlaneDecoder, PlaneEncoder
 
 SIZE = (64, 48)
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from studio.training.adam import Adam, ParameterGroup
+from v3studio.studio.training.adam import Adam, ParameterGroup
 
 
 def values() -> list[torch.Tensor]:

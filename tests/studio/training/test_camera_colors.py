@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from studio.color_fit import correct_color, neutral
-from studio.rasterizer import rasterize
-from studio.training import LearningRates, TrainingView, TrainSettings, fit_camera_colors
-from studio.training.camera_colors import camera_colors
 from tests.studio.training.test_group import HEIGHT, WIDTH, ball, cameras
+from v3studio.studio.color_fit import correct_color, neutral
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.training import LearningRates, TrainingView, TrainSettings, fit_camera_colors
+from v3studio.studio.training.camera_colors import camera_colors
 
 SETTINGS = TrainSettings(rates=LearningRates(sh_dc=0.005), scale_reg=0.0, opacity_reg=0.0, dropout=0.0)
 
@@ -46,8 +46,8 @@ def test_the_matrices_of_the_cameras_are_found_on_exact_splats(with_plate: bool)
 
 
 def test_cameras_are_fitted_while_splats_learn_from_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.camera_colors.STEPS", 100)
-    monkeypatch.setattr("studio.training.camera_colors.EVERY", 20)
+    monkeypatch.setattr("v3studio.studio.training.camera_colors.STEPS", 100)
+    monkeypatch.setattr("v3studio.studio.training.camera_colors.EVERY", 20)
     truth, views = ball(torch.zeros(3)), filmed()
     start = truth.sh[:, 0] * 0.28209479 * 0.8 + 0.5  # as points, whose colors are those of the images, a bit blurred
     steps = []

@@ -7,12 +7,12 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from studio.calibration import align_rigs
-from studio.cameras import Camera, Rig
-from studio.gaussians import SH_C0
-from studio.similarity import Similarity
-from studio.training import Correction, RefinedCameras, TrainingView, TrainSettings, refine_cameras
 from tests.studio.training.test_group import ball, cameras, views
+from v3studio.studio.calibration import align_rigs
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.gaussians import SH_C0
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.training import Correction, RefinedCameras, TrainingView, TrainSettings, refine_cameras
 
 SETTINGS = TrainSettings(keyframe_iterations=140, dropout=0.0, opacity_reg=0.0, scale_reg=0.0)
 HELD_OUT = 3
@@ -68,7 +68,7 @@ def test_correct_cameras_stay_and_gain_little() -> None:
 
 
 def test_the_same_seed_gives_the_same_cameras_bit_for_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.camera_refinement.ALIGN_STEPS", 5)
+    monkeypatch.setattr("v3studio.studio.training.camera_refinement.ALIGN_STEPS", 5)
     short = SETTINGS.replace(keyframe_iterations=40)
     poses = [after(GIVEN, refined(GIVEN, seed=5, settings=short)).centers for _ in range(2)]
     assert np.array_equal(*poses)

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import log_ndtr
 
-from studio.training.coded_loss import CodedLoss, bits_of_residual
-from studio.training.noise import uniform
 from tests.studio.rasterizer.conftest import assert_same_by_any_threads
+from v3studio.studio.training.coded_loss import CodedLoss, bits_of_residual
+from v3studio.studio.training.noise import uniform
 
 ATTRIBUTES = {"rotation": slice(0, 4), "scale": slice(4, 7), "opacity": slice(7, 8), "color": slice(8, 11)}
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.training import TrainSettings
-from studio.training.densify import control_density, densify
-from studio.training.details import Detail
-from studio.training.splat_optimizer import SplatOptimizer
-from studio.training.step import Stepper
-from studio.training.views import TrainingView
 from tests.studio.training.test_group import ball, views
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training import TrainSettings
+from v3studio.studio.training.densify import control_density, densify
+from v3studio.studio.training.details import Detail
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
+from v3studio.studio.training.step import Stepper
+from v3studio.studio.training.views import TrainingView
 
 EXTENT = 2.0
 
@@ -81,7 +81,7 @@ def test_faint_and_huge_splats_are_removed(seen: list[TrainingView]) -> None:
 
 
 def test_when_it_densifies_and_resets(seen: list[TrainingView], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.densify.RESET_EVERY", 15)
+    monkeypatch.setattr("v3studio.studio.training.densify.RESET_EVERY", 15)
     settings = TrainSettings(densify_from=10, densify_until=41, densify_every=10, densify_max_splats=330)
     optimizer = optimizer_of(wrong_where(torch.ones(300, dtype=torch.bool)))
     grown, reset = {}, []

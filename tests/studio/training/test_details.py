@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from studio.capture import FootageView
-from studio.rasterizer import rasterize
-from studio.training import Detail, TrainingView, TrainSettings
-from studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
-from studio.training.photometric import photometric_loss
-from studio.training.step import Stepper
 from tests.support.rigs import camera_at
 from tests.support.splats import round_splats
+from v3studio.studio.capture import FootageView
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.training import Detail, TrainingView, TrainSettings
+from v3studio.studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights
+from v3studio.studio.training.photometric import photometric_loss
+from v3studio.studio.training.step import Stepper
 
 
 def line(count: int) -> torch.Tensor:

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from studio.training.dropout import DROPPED_LOGIT, drop_splats, drop_splats_torch
+from v3studio.studio.training.dropout import DROPPED_LOGIT, drop_splats, drop_splats_torch
 
 
 @pytest.mark.usefixtures("instruction_set")

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from studio.capture import FootageView
-from studio.chroma import ChromaSampling
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from studio.settings import affected
-from studio.similarity import Similarity
-from studio.training import (
+from tests.studio.training.test_group import SHIFT, ball, cameras, noisy_points
+from tests.support.splats import same_splats
+from v3studio.studio.capture import FootageView
+from v3studio.studio.chroma import ChromaSampling
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.settings import affected
+from v3studio.studio.similarity import Similarity
+from v3studio.studio.training import (
     Correction,
     LearningRates,
     TrainingView,
@@ -23,8 +25,6 @@ from studio.training import (
     train_jointly,
     train_keyframe,
 )
-from tests.studio.training.test_group import SHIFT, ball, cameras, noisy_points
-from tests.support.splats import same_splats
 
 BASE: dict[str, Any] = {
     "keyframe_iterations": 12,

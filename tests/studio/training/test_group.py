@@ -6,15 +6,15 @@ from dataclasses import replace
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.errors import Cancelled
-from studio.gaussians import SH_C0, Gaussians
-from studio.rasterizer import rasterize
-from studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
 from tests.support.splats import Checkpoints, round_splats, same_splats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.errors import Cancelled
+from v3studio.studio.gaussians import SH_C0, Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.training import TrainingView, TrainSettings, train_interframe, train_keyframe
 
 WIDTH, HEIGHT = 64, 48
 SHIFT = torch.tensor([0.06, -0.03, 0.02])
@@ -155,8 +155,8 @@ def test_invalid_input(before: list[TrainingView]) -> None:
 
 
 def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(before, monkeypatch):
-    monkeypatch.setattr("studio.training.densify.RESET_EVERY", 8)
-    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 1)
+    monkeypatch.setattr("v3studio.studio.training.densify.RESET_EVERY", 8)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 1)
     points, colors, kept = noisy_points(), torch.full((300, 3), 0.5), Checkpoints()
     chosen = {"keyframe_iterations": 20, "densify_from": 3, "densify_until": 16, "densify_every": 5, "max_splats": 200}
     chosen |= {"densify_max_splats": 400, "prune_finetune_iterations": 4, "sh_degree": 1, "sh_degree_every": 6}

@@ -4,7 +4,7 @@ import itertools
 
 import torch
 
-from studio.training.hashgrid import HashGrid
+from v3studio.studio.training.hashgrid import HashGrid
 
 
 def slow_encoding(grid: HashGrid, position: list[float], capacity: int) -> torch.Tensor:

@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.training import LearningRates, TrainingView, TrainSettings, train_jointly
-from studio.training.joint import joint_bytes, splats_needed, views_of_frame
 from tests.studio.training.test_group import ball, loss_of, views
 from tests.support.splats import Checkpoints, same_splats
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training import LearningRates, TrainingView, TrainSettings, train_jointly
+from v3studio.studio.training.joint import joint_bytes, splats_needed, views_of_frame
 
 MOVES = [step * torch.tensor([0.05, -0.02, 0.0]) for step in range(4)]
 SETTINGS = TrainSettings(dropout=0.0, joint_iterations=20, rates=LearningRates(sh_dc=0.02))
@@ -73,7 +73,7 @@ def test_splats_that_no_image_needs_are_left_out(seen: list[list[TrainingView]])
 def test_it_resumes_from_each_checkpoint_bit_for_bit(
     noisy: list[Gaussians], seen: list[list[TrainingView]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 3)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 3)
     settings, kept = SETTINGS.replace(joint_iterations=2, dropout=0.3), Checkpoints()
     whole = train_jointly(noisy, seen, settings, seed=4, checkpoint=kept)
     assert list(kept) == [3, 6], "not every frame has been trained at the first"

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from studio.training.hashgrid import HashGrid
-from studio.training.motion import MotionField, predicted_means
 from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 from tests.studio.training.test_group import SHIFT, ball
+from v3studio.studio.training.hashgrid import HashGrid
+from v3studio.studio.training.motion import MotionField, predicted_means
 
 SIZES = {
     "demo": {"levels": 6},

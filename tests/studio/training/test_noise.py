@@ -1,6 +1,6 @@
 """Counter-based random numbers."""
 
-from studio.training.noise import random_bits
+from v3studio.studio.training.noise import random_bits
 
 
 def lowbias32(x: int) -> int:

@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from studio.training import LearningRates, TrainSettings
-from studio.training.offsets import SplatOffsets, train_offsets
 from tests.studio.training.test_group import ball, loss_of, views
 from tests.support.errors import refuses
 from tests.support.splats import Checkpoints
+from v3studio.studio.training import LearningRates, TrainSettings
+from v3studio.studio.training.offsets import SplatOffsets, train_offsets
 
 MOVES = (torch.zeros(3), torch.tensor([0.1, 0.0, 0.05]))
 SETTINGS = TrainSettings(dropout=0.0, rates=LearningRates(scale=0.05))
@@ -38,7 +38,7 @@ def test_the_others_are_covered_in_all_frames_and_paths_stay(frames, seen):
 
 
 def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen, monkeypatch):
-    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 5)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 5)
     kept = Checkpoints()
     whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=kept)
     assert list(kept) == [5, 10]

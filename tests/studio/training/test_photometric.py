@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from studio.training.photometric import photometric_loss, photometric_loss_torch
 from tests.studio.rasterizer.conftest import assert_same_by_any_threads
 from tests.support.errors import refuses
+from v3studio.studio.training.photometric import photometric_loss, photometric_loss_torch
 
 
 def pair(height: int, width: int) -> tuple[Tensor, Tensor]:

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.training import train_keyframe
-from studio.training.pruning import prune_rounds, splats_after_pruning
-from studio.training.settings import TrainSettings
 from tests.studio.training.test_group import ball, views_of
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training import train_keyframe
+from v3studio.studio.training.pruning import prune_rounds, splats_after_pruning
+from v3studio.studio.training.settings import TrainSettings
 
 
 def settings(limit: int) -> TrainSettings:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.chroma import ChromaSampling, resampled
-from studio.gaussians import Gaussians
-from studio.training import LearningRates, TrainingView, TrainSettings, refine, train_keyframe
-from studio.training.refine import Refinement, chroma_shift, drawn_mask
-from studio.training.step import Stepper
 from tests.studio.training.test_group import HEIGHT, WIDTH, cameras
 from tests.support.splats import Checkpoints, same_splats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.chroma import ChromaSampling, resampled
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training import LearningRates, TrainingView, TrainSettings, refine, train_keyframe
+from v3studio.studio.training.refine import Refinement, chroma_shift, drawn_mask
+from v3studio.studio.training.step import Stepper
 
 SETTINGS = TrainSettings(
     keyframe_iterations=150,
@@ -115,7 +115,7 @@ def test_auto_keeps_exact_masks_and_refines_others(trained: Gaussians) -> None:
 
 
 def test_an_interrupted_keyframe_continues_to_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studio.training.settings.CHECKPOINT_EVERY", 5)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 5)
     views, _ = shadowed(plates=True)
     settings, kept = SETTINGS.replace(keyframe_iterations=30, prune_finetune_iterations=60, dilation=0.1), Checkpoints()
     whole = train_keyframe(views, *start(), settings, checkpoint=kept)

@@ -2,11 +2,11 @@
 
 import torch
 
-from studio.gaussians import Gaussians
-from studio.training.keyframe import prune
-from studio.training.settings import LearningRates
-from studio.training.splat_optimizer import SplatOptimizer
 from tests.studio.rasterizer.conftest import make_splats
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training.keyframe import prune
+from v3studio.studio.training.settings import LearningRates
+from v3studio.studio.training.splat_optimizer import SplatOptimizer
 
 
 def splats(count: int) -> Gaussians:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from studio.training import TrainSettings
-from studio.training.step import regularized
 from tests.support.splats import cloud
+from v3studio.studio.training import TrainSettings
+from v3studio.studio.training.step import regularized
 
 
 @pytest.mark.parametrize("weights", [(0.01, 0.2), (0.3, 0.0), (0.0, 0.7), (0.0, 0.0)])

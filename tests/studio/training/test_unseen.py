@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.rasterizer import rasterize
-from studio.training import TrainSettings, joint, train_jointly
-from studio.training.unseen import cameras_that_see, settled_colors
 from tests.studio.training.test_group import ball, cameras, views_of
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer import rasterize
+from v3studio.studio.training import TrainSettings, joint, train_jointly
+from v3studio.studio.training.unseen import cameras_that_see, settled_colors
 
 SETTINGS = TrainSettings(joint_iterations=2)
 MARK = torch.tensor([3.0, -3.0, -3.0])

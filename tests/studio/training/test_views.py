@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from studio.cameras import Camera
-from studio.capture import FootageView
-from studio.training import TrainingView, TrainSettings
-from studio.training.step import Stepper
-from studio.training.views import mask_box, over_color
 from tests.support.errors import refuses
 from tests.support.splats import round_splats
+from v3studio.studio.cameras import Camera
+from v3studio.studio.capture import FootageView
+from v3studio.studio.training import TrainingView, TrainSettings
+from v3studio.studio.training.step import Stepper
+from v3studio.studio.training.views import mask_box, over_color
 
 SIZE = 120
 

@@ -5,11 +5,11 @@ from starlette.applications import Starlette
 from starlette.routing import Mount
 from starlette.staticfiles import StaticFiles
 
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import load
-from gui.widgets.timeline import TimelinePanel
 from tests.support.players import settle
 from tests.support.web_servers import running
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.widgets.timeline import TimelinePanel
 
 
 def test_a_stream_on_the_web_is_not_downloaded_for_the_strip(stream_folder: Path) -> None:

@@ -1,9 +1,9 @@
 from pathlib import Path
 
-from gui.models.playback.other_source import OTHER, open_other
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.timeline_plots import plots_of
 from tests.support.players import settle
+from v3studio.gui.models.playback.other_source import OTHER, open_other
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.timeline_plots import plots_of
 
 
 def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(

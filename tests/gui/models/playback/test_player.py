@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 import torch
 
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import load
-from gui.models.playback.stream_source import StreamSource
-from gui.models.worker import LatestWorker
-from pipelines.takes.frame_files import FrameMetadata, write_frame
-from pipelines.takes.take import Take
-from studio.camera_files import write_rig
-from studio.cameras import Camera, Rig
-from studio.gaussians import Gaussians
 from tests.support.errors import refuses
 from tests.support.looping import heard
 from tests.support.players import settle
 from tests.support.rigs import camera_at
 from tests.support.splats import round_splats, write_group
 from tests.support.waiting import wait_until
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.models.playback.stream_source import StreamSource
+from v3studio.gui.models.worker import LatestWorker
+from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import write_rig
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.gaussians import Gaussians
 
 
 def flat(gaussians: Gaussians, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:

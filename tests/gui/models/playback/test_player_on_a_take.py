@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.actions.marks import show_view, view_of
-from gui.models.evaluation import Evaluation
-from gui.models.marks import Marks
-from gui.models.playback.image_zoom import ImageZoom
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import load
-from gui.models.take.inspector import review_blocks
-from pipelines.reports.images import render
-from pipelines.takes.frame_files import read_frame
-from pipelines.takes.marks import Mark, change_mark
-from pipelines.takes.take import Take
-from studio.edits import EditList
-from studio.errors import StudioError
 from tests.support.errors import refuses
 from tests.support.players import picture_of, settle
+from v3studio.gui.actions.marks import show_view, view_of
+from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.models.take.inspector import review_blocks
+from v3studio.pipelines.reports.images import render
+from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.marks import Mark, change_mark
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits import EditList
+from v3studio.studio.errors import StudioError
 
 
 def test_footage_is_what_the_camera_filmed_and_splats_are_drawn_from_there(player: PlayerPresenter) -> None:

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import load
-from pipelines.takes.take import Take
-from studio.stream import BakeSettings, CapturePlace
 from tests.support.sounds import FakeOutput, click_times, clicks
 from tests.support.streams import bake_numbered, set_capture
 from tests.support.waiting import wait_until
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.sources import load
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.stream import BakeSettings, CapturePlace
 
 FPS, FRAMES = 25, 10
 

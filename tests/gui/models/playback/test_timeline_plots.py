@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from gui.drawing.palette import BAD, FAIR, TEXT
-from gui.models.playback.timeline import LEAST_FRAMES, TimelineZoom
-from gui.models.playback.timeline_plots import TimelinePlots, plots_of
+from v3studio.gui.drawing.palette import BAD, FAIR, TEXT
+from v3studio.gui.models.playback.timeline import LEAST_FRAMES, TimelineZoom
+from v3studio.gui.models.playback.timeline_plots import TimelinePlots, plots_of
 
 VIEW = TimelinePlots(900, 160, 16.0, 4)
 

@@ -1,5 +1,5 @@
-from gui.models.playback.transport import Transport
 from tests.support.waiting import HandClock
+from v3studio.gui.models.playback.transport import Transport
 
 
 def test_without_loop_it_ends_at_the_last_frame_and_starts_again(clock: HandClock) -> None:

@@ -4,15 +4,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from gui.models.playback.player import PlayerPresenter
-from gui.models.playback.sources import load
-from gui.models.scene.orbit import OrbitCamera
-from gui.widgets.raycast import RaycastMesh
-from studio.formats import ply
-from studio.gaussians import Gaussians
 from tests.support.glb import red_post
 from tests.support.players import settle
 from tests.support.streams import bake_numbered
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.widgets.raycast import RaycastMesh
+from v3studio.studio.formats import ply
+from v3studio.studio.gaussians import Gaussians
 
 BLUE = torch.tensor([[[-1.77, -1.77, 1.77]]])
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gui.models.scene.compose import MOST_PER_PIXEL, SplatLayer, Surfaces, compose
-from gui.models.scene.fragments import Patch
-from gui.models.scene.fragments import fragments as made
+from v3studio.gui.models.scene.compose import MOST_PER_PIXEL, SplatLayer, Surfaces, compose
+from v3studio.gui.models.scene.fragments import Patch
+from v3studio.gui.models.scene.fragments import fragments as made
 
 BACKGROUND = (0.2, 0.4, 0.6)
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gui.models.scene.contents import Lines
-from gui.models.scene.fragments import image_on_quad, line_fragments, point_fragments
-from studio.cameras import Camera
+from v3studio.gui.models.scene.contents import Lines
+from v3studio.gui.models.scene.fragments import image_on_quad, line_fragments, point_fragments
+from v3studio.studio.cameras import Camera
 
 K = np.array([[100.0, 0, 60], [0, 110.0, 40], [0, 0, 1]])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.scene.orbit import OrbitCamera
 
 UP = np.array([0.0, 0.0, 1.0])
 

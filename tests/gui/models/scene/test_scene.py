@@ -2,12 +2,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gui.models.playback.sources import load
-from gui.pages.stage_views import StageViews
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
 from tests.support.looping import heard
 from tests.support.players import newest
+from v3studio.gui.models.playback.sources import load
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
 
 DRAWN = (360, 250)
 

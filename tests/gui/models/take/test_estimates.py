@@ -3,18 +3,18 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.take.estimates import Estimates
-from pipelines.config import load_config
-from pipelines.config.presets import with_values
-from pipelines.events import Finished
-from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
+from v3studio.gui.models.take.estimates import Estimates
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.config.presets import with_values
+from v3studio.pipelines.events import Finished
+from v3studio.pipelines.takes.take import Take
 
 PRESETS = {
     "preview": {"seconds": 90.0, "stages": [{"stage": "train", "bytes": 5}, {"stage": "bake", "bytes": 1_250_000}]},
     "final": {"seconds": 7200.0, "stages": [{"stage": "bake", "bytes": None}]},
 }
-COMMAND = "gui.models.take.jobs.v3studio_command"
+COMMAND = "v3studio.gui.models.take.jobs.v3studio_command"
 PRINTED = Finished(outcome="done", seconds=1.0, result={"presets": PRESETS}).to_json()
 
 

@@ -4,17 +4,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.take.exports import ExportRequest, Exports
-from pipelines.takes.edits import change_edits
-from pipelines.takes.frame_files import FrameMetadata, write_frame
-from pipelines.takes.take import Take
-from studio.edits import EditList, Trim, World
-from studio.stream import CapturePlace
 from tests.support.errors import refuses
 from tests.support.looping import wait_in_loop
 from tests.support.splats import converted_splats, write_group
 from tests.support.streams import bake_numbered, set_capture
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.take.exports import ExportRequest, Exports
+from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits import EditList, Trim, World
+from v3studio.studio.stream import CapturePlace
 
 
 def finish(exports: Exports, seconds: float = 180.0) -> None:
@@ -47,7 +47,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     of: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Frames 2 to 7 of the take, in a world that is ten times as large."""
-    from studio.formats.camera_path import read_path_keys
+    from v3studio.studio.formats.camera_path import read_path_keys
 
     take = Take.create(tmp_path / "take")
     world = World(up=(0, 0, 1), origin=(0, 0.5, 0), scale=10)
@@ -67,7 +67,7 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
     exports.path.add(views[1], 7)
     given = tmp_path / "given.json"
     program = f"import sys, shutil; shutil.copy(sys.argv[sys.argv.index('--path') + 1], {str(given)!r})"
-    monkeypatch.setattr("gui.models.take.jobs.v3studio_command", lambda: [sys.executable, "-c", program])
+    monkeypatch.setattr("v3studio.gui.models.take.jobs.v3studio_command", lambda: [sys.executable, "-c", program])
     exports.start(chosen)
     finish(exports)
     keys = read_path_keys(given, 10.0)

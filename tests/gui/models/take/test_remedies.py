@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.take.log import grouped
-from gui.models.take.page_words import setting_words
-from gui.models.take.remedies import REMEDIES, Fix, fix_of
-from gui.models.take.run_state import RunState
-from gui.models.take.settings import SECTIONS, fields_of, stage_of
-from gui.widgets.stage_help import HELP
-from pipelines.config.loading import load_config
-from pipelines.events import Warned
-from studio.masks.sources import SOURCES, Source
+from v3studio.gui.models.take.log import grouped
+from v3studio.gui.models.take.page_words import setting_words
+from v3studio.gui.models.take.remedies import REMEDIES, Fix, fix_of
+from v3studio.gui.models.take.run_state import RunState
+from v3studio.gui.models.take.settings import SECTIONS, fields_of, stage_of
+from v3studio.gui.widgets.stage_help import HELP
+from v3studio.pipelines.config.loading import load_config
+from v3studio.pipelines.events import Warned
+from v3studio.studio.masks.sources import SOURCES, Source
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}

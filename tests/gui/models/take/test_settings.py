@@ -1,7 +1,7 @@
 import pytest
 
-from gui.models.take.settings import SECTIONS, SettingField, fields_of
-from pipelines.config import load_config
+from v3studio.gui.models.take.settings import SECTIONS, SettingField, fields_of
+from v3studio.pipelines.config import load_config
 
 OPTIONAL = [field for stage in SECTIONS for field in fields_of(stage) if field.nullable]
 

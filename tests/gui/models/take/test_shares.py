@@ -5,14 +5,14 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 
-from gui.models.take.serving import Serving
-from gui.models.take.shares import ShareRequest, stale_words
-from gui.models.take.workspace import Workspace
-from pipelines.takes.edits import change_edits
-from pipelines.takes.take import Take
-from studio.edits import EditList, Trim
 from tests.support.looping import wait_in_loop
 from tests.support.waiting import wait_until
+from v3studio.gui.models.take.serving import Serving
+from v3studio.gui.models.take.shares import ShareRequest, stale_words
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.edits import EditList, Trim
 
 
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:

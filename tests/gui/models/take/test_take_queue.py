@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.take import take_queue
-from gui.models.take.take_queue import QueueRow, TakeQueue, look
-from pipelines.batch.queue_file import QueueFile
-from pipelines.batch.run_queue import errors_of
-from pipelines.events import Progress, RunStarted, StageStarted
-from pipelines.events.event_log import EventLog
-from pipelines.takes.take import Take
 from tests.support.looping import wait_in_loop
+from v3studio.gui.models.take import take_queue
+from v3studio.gui.models.take.take_queue import QueueRow, TakeQueue, look
+from v3studio.pipelines.batch.queue_file import QueueFile
+from v3studio.pipelines.batch.run_queue import errors_of
+from v3studio.pipelines.events import Progress, RunStarted, StageStarted
+from v3studio.pipelines.events.event_log import EventLog
+from v3studio.pipelines.takes.take import Take
 
 
 def failing(queue: QueueFile) -> subprocess.Popen[bytes]:

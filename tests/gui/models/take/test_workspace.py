@@ -7,11 +7,15 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gui.models.stage_rows import TITLES
-from gui.models.take.jobs import Job
-from gui.models.take.run_state import RunState
-from gui.models.take.workspace import Workspace
-from pipelines.events import (
+from tests.support.errors import refuses
+from tests.support.looping import heard, wait_in_loop
+from tests.support.waiting import wait_until
+from tests.support.warm_python import forking, warm_python
+from v3studio.gui.models.stage_rows import TITLES
+from v3studio.gui.models.take.jobs import Job
+from v3studio.gui.models.take.run_state import RunState
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.pipelines.events import (
     Finished,
     GroupState,
     Metrics,
@@ -21,12 +25,8 @@ from pipelines.events import (
     StageFinished,
     StageStarted,
 )
-from pipelines.events.event_log import EventLog
-from pipelines.takes.take import Take
-from tests.support.errors import refuses
-from tests.support.looping import heard, wait_in_loop
-from tests.support.waiting import wait_until
-from tests.support.warm_python import forking, warm_python
+from v3studio.pipelines.events.event_log import EventLog
+from v3studio.pipelines.takes.take import Take
 
 
 def progress(fraction: float, **figures: object) -> Progress:
@@ -152,7 +152,7 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
 ) -> None:
     monkeypatch.setattr("subprocess.Popen", forking(warm_python()))
     workspace.open(Take.open(take_copy))
-    command = ("-m", "pipelines.cli", "run", "--take", take_copy, "--json")
+    command = ("-m", "v3studio.pipelines.cli", "run", "--take", take_copy, "--json")
     slow = ("--train.keyframe_iterations", 100_000, "--run.check_footage", "false")
     with (tmp_path / "output").open("wb") as output:
         terminal = warm_python().popen((*command, *slow), output=output)

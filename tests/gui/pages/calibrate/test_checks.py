@@ -1,11 +1,11 @@
 from pathlib import Path
 
-from gui.models.take.workspace import Workspace
-from gui.pages.calibrate.view import CalibrateView
-from pipelines.takes.atomic_files import write_model
-from pipelines.takes.stage_files import CameraChange, CameraRefinement
-from pipelines.takes.take import Take
-from studio.calibration.report import CameraVerdict, RigVerdict
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.calibrate.view import CalibrateView
+from v3studio.pipelines.takes.atomic_files import write_model
+from v3studio.pipelines.takes.stage_files import CameraChange, CameraRefinement
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.report import CameraVerdict, RigVerdict
 
 SIZE = (900, 600)
 

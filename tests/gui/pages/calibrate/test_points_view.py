@@ -6,15 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from gui.drawing.palette import ACCENT, FAIR
-from gui.models.take.workspace import Workspace
-from gui.pages.calibrate.marks import TieMarks, expected
-from gui.pages.calibrate.points_view import PointsView
-from pipelines.takes.take import Take
-from studio.calibration import TiePoint, read_tie_points
-from studio.camera_files import read_rig
 from tests.support.players import newest
 from tests.support.tiny_capture import HEIGHT
+from v3studio.gui.drawing.palette import ACCENT, FAIR
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.calibrate.marks import TieMarks, expected
+from v3studio.gui.pages.calibrate.points_view import PointsView
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration import TiePoint, read_tie_points
+from v3studio.studio.camera_files import read_rig
 
 SIZE = (900, 600)
 

@@ -5,16 +5,16 @@ import cv2
 import numpy as np
 import pytest
 
-from gui.drawing.palette import BAD
-from gui.pages.capture.view import GARBAGE
-from gui.pages.stage_views import StageViews
-from pipelines.config import load_config
-from pipelines.runs.runner import status
-from pipelines.stages.inputs import Inputs
-from pipelines.takes.take import Take
-from studio.yaml_text import parse_yaml
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
+from v3studio.gui.drawing.palette import BAD
+from v3studio.gui.pages.capture.view import GARBAGE
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.runs.runner import status
+from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.yaml_text import parse_yaml
 
 SIZE = (720, 500)
 CORNERS = ((4.0, 3.0), (40.0, 3.0), (40.0, 30.0), (4.0, 30.0))

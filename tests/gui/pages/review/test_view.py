@@ -4,23 +4,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.playback.sources import open_path
-from gui.models.playback.stream_source import StreamSource
-from gui.models.playback.viewpoint import Viewpoint
-from gui.models.scene.handles import crop_handles
-from gui.models.scene.orbit import OrbitCamera
-from gui.models.take.workspace import Workspace
-from gui.pages.review.numbers import fields_of, with_numbers
-from gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
-from gui.pages.review.view import EditView
-from pipelines.takes.edits import read_edits
-from pipelines.takes.take import Take
-from studio.camera_files import read_rig
-from studio.edits import EditList, Floaters, Trim, World
-from studio.playback import LeftOut
-from studio.stream import CapturePlace
 from tests.support.looping import heard
 from tests.support.players import newest
+from v3studio.gui.models.playback.sources import open_path
+from v3studio.gui.models.playback.stream_source import StreamSource
+from v3studio.gui.models.playback.viewpoint import Viewpoint
+from v3studio.gui.models.scene.handles import crop_handles
+from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.review.numbers import fields_of, with_numbers
+from v3studio.gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
+from v3studio.gui.pages.review.view import EditView
+from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig
+from v3studio.studio.edits import EditList, Floaters, Trim, World
+from v3studio.studio.playback import LeftOut
+from v3studio.studio.stream import CapturePlace
 
 SIZE = (320, 240)
 UP = np.array([0.0, 0.0, 1.0])
@@ -241,7 +241,9 @@ def test_a_trimmed_and_placed_stream_is_shown_as_in_its_take(take_copy: Path, mo
     plain = StreamSource(take.stream, in_take=True)
     world = World(up=(0, 0, 1), origin=(0.1, 0, 0), scale=50)
     # the same stream, read as one that begins with frame 2 of another world
-    monkeypatch.setattr("gui.models.playback.stream_source.capture_place", lambda _: CapturePlace(2, world.similarity))
+    monkeypatch.setattr(
+        "v3studio.gui.models.playback.stream_source.capture_place", lambda _: CapturePlace(2, world.similarity)
+    )
     with closing(plain), closing(StreamSource(take.stream, in_take=True)) as placed:
         assert (placed.frame_count, list(placed.group_starts)) == (7, [2, 5])
         with pytest.raises(LeftOut):

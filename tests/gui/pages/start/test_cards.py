@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.pages.start import cards
-from gui.pages.start import thumbnail as thumbnails
-from gui.pages.start.cards import describe, folder_bytes
-from gui.pages.start.thumbnail import SIZE, thumbnail
-from pipelines.takes.take import Take
+from v3studio.gui.pages.start import cards
+from v3studio.gui.pages.start import thumbnail as thumbnails
+from v3studio.gui.pages.start.cards import describe, folder_bytes
+from v3studio.gui.pages.start.thumbnail import SIZE, thumbnail
+from v3studio.pipelines.takes.take import Take
 
 
 def test_a_finished_take(finished: Path) -> None:

@@ -3,18 +3,18 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.take.take_queue import TakeQueue
-from gui.pages.start.drawing import StartImage
-from gui.pages.start.page import StartPage
-from pipelines.batch.queue_file import QueueFile
 from tests.support.looping import wait_in_loop
+from v3studio.gui.models.take.take_queue import TakeQueue
+from v3studio.gui.pages.start.drawing import StartImage
+from v3studio.gui.pages.start.page import StartPage
+from v3studio.pipelines.batch.queue_file import QueueFile
 
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StartPage:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     queue = TakeQueue(QueueFile(tmp_path / "queue.json"))
-    monkeypatch.setattr("gui.pages.start.page.LOOK_EVERY", 0.0)
+    monkeypatch.setattr("v3studio.gui.pages.start.page.LOOK_EVERY", 0.0)
     return StartPage(queue, True)
 
 

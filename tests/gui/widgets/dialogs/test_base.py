@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.folders import FolderList
+from v3studio.gui.models.folders import FolderList
 
 
 @pytest.fixture

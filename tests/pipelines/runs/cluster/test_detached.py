@@ -8,17 +8,17 @@ from typing import Any
 
 import pytest
 
-from pipelines.config import load_config
-from pipelines.runs.background import start_background
-from pipelines.runs.cluster import detached
-from pipelines.runs.cluster.connection import ADDRESS_VARIABLE
-from pipelines.takes.take import Take
-from studio.errors import StudioError
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.runs.background import start_background
+from v3studio.pipelines.runs.cluster import detached
+from v3studio.pipelines.runs.cluster.connection import ADDRESS_VARIABLE
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import StudioError
 
 BEGINS = """
 import os, sys, time
 from pathlib import Path
-from pipelines.events import RunStarted
+from v3studio.pipelines.events import RunStarted
 event = RunStarted(take="t", stages=(), done=(), pid=os.getpid(), version="1")
 Path(sys.argv[1]).write_text(event.to_json() + "\\n")
 time.sleep(600)

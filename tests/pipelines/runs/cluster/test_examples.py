@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from studio.yaml_text import parse_yaml
+from v3studio.studio.yaml_text import parse_yaml
 
 EXAMPLES = Path(__file__).parents[4] / "sample_configs" / "cluster"
 

@@ -10,18 +10,18 @@ from typing import Any
 
 import pytest
 
-from pipelines.config import Config
-from pipelines.events import GroupState, Progress, Warned
-from pipelines.events.cancellation import Cancellation
-from pipelines.runs.cluster import executor as module
-from pipelines.runs.cluster import task as task_module
-from pipelines.runs.cluster.executor import RayExecutor
-from pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
-from pipelines.stages.reporter import StageReporter
-from pipelines.takes.groups import cut_into_groups
-from pipelines.takes.take import Take
-from studio.errors import Cancelled, Message, StudioError
 from tests.support.errors import refuses
+from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import GroupState, Progress, Warned
+from v3studio.pipelines.events.cancellation import Cancellation
+from v3studio.pipelines.runs.cluster import executor as module
+from v3studio.pipelines.runs.cluster import task as task_module
+from v3studio.pipelines.runs.cluster.executor import RayExecutor
+from v3studio.pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.groups import cut_into_groups
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import Cancelled, Message, StudioError
 
 GB = 1 << 30
 Outcome = Message | Exception | None

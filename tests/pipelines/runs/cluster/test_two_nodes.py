@@ -2,17 +2,17 @@
 
 import pytest
 
-from pipelines.events import GroupState, Metrics, StageFinished, Warned
-from pipelines.stages import STAGE_NAMES
 from tests.support.tiny_capture import environment, results, v3studio
 from tests.support.two_nodes import SETTINGS, two_nodes
 from tests.support.warm_python import warm_python
+from v3studio.pipelines.events import GroupState, Metrics, StageFinished, Warned
+from v3studio.pipelines.stages import STAGE_NAMES
 
 pytestmark = pytest.mark.long
 
 HELD = """
 import sys, ray
-from pipelines.runs.cluster.nodes import Nodes, Wanted
+from v3studio.pipelines.runs.cluster.nodes import Nodes, Wanted
 ray.init(address=sys.argv[1], log_to_driver=False, configure_logging=False)
 nodes = Nodes(ray)
 print(nodes.holders(Wanted(cpus=1, gpus=0.0, memory=1)))
@@ -39,7 +39,7 @@ def run_and_kill(project, take):
     """The events of a run whose second node is killed when it has trained a frame, and the nodes that trained."""
     with two_nodes() as cluster:
         assert_names_what_holds_a_node(cluster)
-        command = ("-m", "pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json", *SLOW)
+        command = ("-m", "v3studio.pipelines.cli", "run", project / "ball.yaml", "--take", take, "--json", *SLOW)
         command += ("--run.executor", "ray", "--run.address", cluster.address)
         process = warm_python().popen(command, text=True, env=environment() | SETTINGS)
         events = list(cluster.events_while_second_is_killed(process.stdout))

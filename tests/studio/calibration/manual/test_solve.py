@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pipelines.reports.calibration import calibration_warnings
-from studio.calibration import (
+from tests.support.errors import refuses
+from tests.support.rigs import camera_at, on_circle
+from v3studio.pipelines.reports.calibration import calibration_warnings
+from v3studio.studio.calibration import (
     CalibrateSettings,
     TiePoint,
     calibrate_from_tie_points,
@@ -17,15 +19,13 @@ from studio.calibration import (
     read_tie_points,
     write_tie_points,
 )
-from studio.calibration.manual.bootstrap import Observations, TieRig
-from studio.calibration.manual.bundle_adjustment import Problem
-from studio.calibration.manual.covariance import check_plausible
-from studio.calibration.manual.subpixel import snap
-from studio.calibration.result import CalibrationResult
-from studio.cameras import Rig
-from studio.errors import StudioError
-from tests.support.errors import refuses
-from tests.support.rigs import camera_at, on_circle
+from v3studio.studio.calibration.manual.bootstrap import Observations, TieRig
+from v3studio.studio.calibration.manual.bundle_adjustment import Problem
+from v3studio.studio.calibration.manual.covariance import check_plausible
+from v3studio.studio.calibration.manual.subpixel import snap
+from v3studio.studio.calibration.result import CalibrationResult
+from v3studio.studio.cameras import Rig
+from v3studio.studio.errors import StudioError
 
 WIDTH, HEIGHT = 1088, 1920
 

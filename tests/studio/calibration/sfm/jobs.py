@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from studio.calibration.sfm.job import SfmCamera, SfmJob
-from studio.camera_files.colmap_model import intrinsics
-from studio.cameras import Camera, Rig
+from v3studio.studio.calibration.sfm.job import SfmCamera, SfmJob
+from v3studio.studio.camera_files.colmap_model import intrinsics
+from v3studio.studio.cameras import Camera, Rig
 
 
 def job_of(

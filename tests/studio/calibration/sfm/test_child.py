@@ -11,9 +11,9 @@ from typing import Any
 import psutil
 import pytest
 
-from studio.calibration.sfm.child import run_reporting
-from studio.errors import Cancelled
 from tests.support.errors import refuses
+from v3studio.studio.calibration.sfm.child import run_reporting
+from v3studio.studio.errors import Cancelled
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
     """The real worker ends when its standard input closes."""
     (tmp_path / "job.json").write_text('{"names": [], "intrinsics": [], "intrinsics_of": []}')
     child = subprocess.Popen(
-        [sys.executable, "-c", "import studio.calibration.sfm.worker as w, sys, time\n"
+        [sys.executable, "-c", "import v3studio.studio.calibration.sfm.worker as w, sys, time\n"
          "w.run = lambda *given: (print('running', flush=True), time.sleep(1e6))\nw.main()",
          str(tmp_path / "job.json")],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,

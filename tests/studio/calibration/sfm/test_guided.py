@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studio.calibration import compare_rigs
-from studio.calibration.sfm import mapping
-from studio.calibration.sfm.features import merge_sync_frames, write_images
-from studio.calibration.sfm.guided import write_guided_matches
-from studio.calibration.sfm.job import SfmJob
 from tests.studio.calibration.sfm.jobs import job_of, rig_of
+from v3studio.studio.calibration import compare_rigs
+from v3studio.studio.calibration.sfm import mapping
+from v3studio.studio.calibration.sfm.features import merge_sync_frames, write_images
+from v3studio.studio.calibration.sfm.guided import write_guided_matches
+from v3studio.studio.calibration.sfm.job import SfmJob
 
 pycolmap = pytest.importorskip("pycolmap")
 

@@ -13,19 +13,19 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.calibration import compare_rigs
-from studio.calibration.report import SolutionReport
-from studio.calibration.sfm import mapping
-from studio.calibration.sfm.features import count_rows, merge_sync_frames, write_images
-from studio.calibration.sfm.focal_lengths import guess_focal_lengths, is_any_unknown
-from studio.calibration.sfm.job import SfmJob, SfmSolution, neighbors
-from studio.calibration.sfm.mapping import Mapper
-from studio.calibration.sfm.shared_intrinsics import LIMIT, focal_spread, rebuilt, try_separate_intrinsics
-from studio.calibration.sfm.verdict import match_inlier_ratios
-from studio.calibration.sfm.worker import solve
-from studio.cameras import Camera, Rig
 from tests.studio.calibration.sfm import jobs
 from tests.support.rigs import ring
+from v3studio.studio.calibration import compare_rigs
+from v3studio.studio.calibration.report import SolutionReport
+from v3studio.studio.calibration.sfm import mapping
+from v3studio.studio.calibration.sfm.features import count_rows, merge_sync_frames, write_images
+from v3studio.studio.calibration.sfm.focal_lengths import guess_focal_lengths, is_any_unknown
+from v3studio.studio.calibration.sfm.job import SfmJob, SfmSolution, neighbors
+from v3studio.studio.calibration.sfm.mapping import Mapper
+from v3studio.studio.calibration.sfm.shared_intrinsics import LIMIT, focal_spread, rebuilt, try_separate_intrinsics
+from v3studio.studio.calibration.sfm.verdict import match_inlier_ratios
+from v3studio.studio.calibration.sfm.worker import solve
+from v3studio.studio.cameras import Camera, Rig
 
 pycolmap = pytest.importorskip("pycolmap")
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.calibration.sfm import features
-from studio.calibration.sfm.features import file_name, find_matches
-from studio.calibration.sfm.pairs import worthwhile
 from tests.studio.calibration.sfm.jobs import job_of
+from v3studio.studio.calibration.sfm import features
+from v3studio.studio.calibration.sfm.features import file_name, find_matches
+from v3studio.studio.calibration.sfm.pairs import worthwhile
 
 
 def test_enough_matches_or_the_best_there_are() -> None:

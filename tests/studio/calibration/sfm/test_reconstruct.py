@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.calibration import CalibrateSettings, align_rigs, calibrate_from_images, compare_rigs
-from studio.calibration.report import CalibrationReport
-from studio.calibration.sfm import job
-from studio.cameras import Camera, Rig
-from studio.errors import Cancelled, StudioError
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
+from v3studio.studio.calibration import CalibrateSettings, align_rigs, calibrate_from_images, compare_rigs
+from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.calibration.sfm import job
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.errors import Cancelled, StudioError
 
 pytestmark = pytest.mark.long
 

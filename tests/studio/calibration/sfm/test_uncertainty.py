@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from studio.calibration import compare_rigs
-from studio.calibration.sfm.bundle_adjustment import adjust
-from studio.calibration.sfm.uncertainty import uncertainties
 from tests.studio.calibration.sfm.jobs import job_of, rig_of
+from v3studio.studio.calibration import compare_rigs
+from v3studio.studio.calibration.sfm.bundle_adjustment import adjust
+from v3studio.studio.calibration.sfm.uncertainty import uncertainties
 
 pycolmap = pytest.importorskip("pycolmap")
 

@@ -9,7 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.calibration import (
+from tests.support.errors import refuses
+from tests.support.rigs import pose
+from tests.support.settings import refuses_setting
+from v3studio.studio.calibration import (
     CalibrateSettings,
     CalibrationTarget,
     TargetObservation,
@@ -19,14 +22,11 @@ from studio.calibration import (
     detect_target,
     write_target_pdf,
 )
-from studio.calibration.report import CalibrationReport
-from studio.calibration.target.pdf import dark
-from studio.calibration.target.pose_graph import chain_poses
-from studio.cameras import Camera, Rig
-from studio.errors import Cancelled
-from tests.support.errors import refuses
-from tests.support.rigs import pose
-from tests.support.settings import refuses_setting
+from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.calibration.target.pdf import dark
+from v3studio.studio.calibration.target.pose_graph import chain_poses
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.errors import Cancelled
 
 CHARUCO = CalibrationTarget(columns=7, rows=5, square=0.05, marker=0.037)
 RADIAL = CalibrateSettings(camera_model="RADIAL")

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.capture.settings import DifferenceSettings
-from studio.masks.agreement.empty_set import cover, uncovered
-from studio.masks.agreement.evidence import evidence_of
-from studio.masks.clean_plate import Background
 from tests.studio.masks.scenes import overlap
+from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.agreement.empty_set import cover, uncovered
+from v3studio.studio.masks.agreement.evidence import evidence_of
+from v3studio.studio.masks.clean_plate import Background
 
 HEIGHT, WIDTH = 120, 200
 STANDS = (60, 60, 60, 60, 130)

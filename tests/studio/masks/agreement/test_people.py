@@ -4,7 +4,7 @@ from unittest.mock import Mock
 
 import numpy as np
 
-from studio.masks.agreement.people import odds_of_people
+from v3studio.studio.masks.agreement.people import odds_of_people
 
 PEOPLE = (slice(40, 100), slice(0, 25)), (slice(20, 60), slice(200, 215))
 """Rows and columns; the first one stands at the border."""

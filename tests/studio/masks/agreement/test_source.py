@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from studio.cameras import Camera, Rig
-from studio.capture import CaptureSettings, Footage, open_footage
-from studio.masks.agreement import source, vote
-from studio.masks.matting_model import MattingModel
 from tests.studio.masks.scenes import ball, overlap
 from tests.support.errors import refuses
 from tests.support.rigs import ring
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.capture import CaptureSettings, Footage, open_footage
+from v3studio.studio.masks.agreement import source, vote
+from v3studio.studio.masks.matting_model import MattingModel
 
 LITE = Path(__file__).parents[1] / "data" / "lite.tflite"
 FRAMES, SIZE = 16, (128, 96)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from studio.cameras import Camera, Rig
-from studio.masks.agreement.vote import SILENT, heard
 from tests.studio.masks.scenes import ball, overlap
 from tests.support.rigs import ring
+from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.masks.agreement.vote import SILENT, heard
 
 
 def silhouette(camera: Camera) -> np.ndarray:

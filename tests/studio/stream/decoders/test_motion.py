@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from studio.gaussians import Gaussians
-from studio.rasterizer.cpu import load_kernels
-from studio.rasterizer.kernels import definitions_only
-from studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from studio.stream.decoders.motion import GroupTables
-from studio.stream.manifest import MotionRendition
-from studio.stream.motion_state import Side
 from tests.studio.stream.conftest import turned_bodies
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.rasterizer.cpu import load_kernels
+from v3studio.studio.rasterizer.kernels import definitions_only
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from v3studio.studio.stream.decoders.motion import GroupTables
+from v3studio.studio.stream.manifest import MotionRendition
+from v3studio.studio.stream.motion_state import Side
 
 SPLATS = 1001  # not a multiple of the kernel's blocks
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from studio.stream.encode import paths as paths_module
-from studio.stream.encode.paths import STRENGTHS, carry_hidden_splats, smooth_paths
+from v3studio.studio.stream.encode import paths as paths_module
+from v3studio.studio.stream.encode.paths import STRENGTHS, carry_hidden_splats, smooth_paths
 
 
 def noise(*shape, seed=0):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from studio.stream import BakeSettings, StreamReader, bake_group, check_stream, write_manifest
-from studio.stream.encode.quality import highest_qp
-from studio.stream.settings import LEVELS
 from tests.studio.stream.conftest import turned_bodies
 from tests.support.errors import refuses
+from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, check_stream, write_manifest
+from v3studio.studio.stream.encode.quality import highest_qp
+from v3studio.studio.stream.settings import LEVELS
 
 
 @pytest.mark.parametrize("steepness", [0.25, 1.0, 4.0])

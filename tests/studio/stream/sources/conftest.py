@@ -7,7 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from studio.stream.sources.http import HttpSource
+from v3studio.studio.stream.sources.http import HttpSource
 
 CONTENT = bytes(range(256)) * 800  # 204,800 bytes
 

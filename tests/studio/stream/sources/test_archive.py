@@ -4,12 +4,12 @@ import zipfile
 
 import pytest
 
-from studio.errors import StudioError
-from studio.stream import StreamReader, check_stream
-from studio.stream.write_archive import write_archive
 from tests.support.errors import refuses
 from tests.support.splats import same_splats
 from tests.support.streams import contents
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream import StreamReader, check_stream
+from v3studio.studio.stream.write_archive import write_archive
 
 
 @pytest.fixture(scope="module")

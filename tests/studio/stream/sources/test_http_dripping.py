@@ -7,11 +7,11 @@ from contextlib import contextmanager
 
 import pytest
 
-from studio.errors import StudioError
-from studio.stream.sources.redirects import redirected, same_origin
-from studio.stream.sources.source import SourceUnavailable
 from tests.studio.stream.sources.conftest import timed
 from tests.support.errors import refuses
+from v3studio.studio.errors import StudioError
+from v3studio.studio.stream.sources.redirects import redirected, same_origin
+from v3studio.studio.stream.sources.source import SourceUnavailable
 
 OK = b"HTTP/1.1 200 OK\r\n"
 BODY = OK + b"Content-Length: 100000\r\n\r\n"

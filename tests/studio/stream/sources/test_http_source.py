@@ -5,12 +5,12 @@ import hashlib
 
 import pytest
 
-from studio.stream import SourceUnavailable, StreamReader, check_stream
-from studio.stream.sources.http import HttpSource
 from tests.studio.stream.sources.conftest import CONTENT, respond, timed
 from tests.support.errors import refuses
 from tests.support.splats import same_splats
 from tests.support.streams import contents
+from v3studio.studio.stream import SourceUnavailable, StreamReader, check_stream
+from v3studio.studio.stream.sources.http import HttpSource
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ TRITON_INTERPRET=1.
 import pytest
 import torch
 
-from studio.training.coded_loss import CodedLoss
-from studio.training.triton.coded import coded_loss_triton
 from tests.studio.training.test_coded_loss import in_double, make
+from v3studio.studio.training.coded_loss import CodedLoss
+from v3studio.studio.training.triton.coded import coded_loss_triton
 
 
 def results(loss: CodedLoss, now: torch.Tensor, triton: bool, seed: int) -> list[torch.Tensor]:

@@ -5,11 +5,11 @@ TRITON_INTERPRET=1.
 import pytest
 import torch
 
-from studio.training import hashgrid
-from studio.training.hashgrid import Corners
-from studio.training.motion import MotionField
-from studio.training.triton.field import motion_field_triton
 from tests.studio.training.test_motion import field_and_means
+from v3studio.studio.training import hashgrid
+from v3studio.studio.training.hashgrid import Corners
+from v3studio.studio.training.motion import MotionField
+from v3studio.studio.training.triton.field import motion_field_triton
 
 SIZES = {
     "demo": {"levels": 6},

@@ -5,8 +5,8 @@ TRITON_INTERPRET=1.
 import pytest
 import torch
 
-from studio.training.triton.loss import photometric_loss_triton
 from tests.studio.training.test_photometric import both, pair
+from v3studio.studio.training.triton.loss import photometric_loss_triton
 
 
 @pytest.mark.parametrize(("size", "weight"), [((1, 19), 0.2), ((14, 9), 0.0), ((17, 23), 0.2)])

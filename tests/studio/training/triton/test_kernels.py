@@ -11,13 +11,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from studio.rasterizer import kernels
-from studio.training import photometric
-from studio.training.hashgrid import PIECE, pieces_of
-from studio.training.photometric import photometric_loss, photometric_loss_torch
 from tests.studio.training.test_coded_loss import in_double, make
 from tests.studio.training.test_motion import field_and_means
 from tests.support.triton import compile_kernels, needs_triton
+from v3studio.studio.rasterizer import kernels
+from v3studio.studio.training import photometric
+from v3studio.studio.training.hashgrid import PIECE, pieces_of
+from v3studio.studio.training.photometric import photometric_loss, photometric_loss_torch
 
 FIELD_NUMBERS = ("count", "length", "features", "columns", "reads", "gives", "pieces", "total")
 FIELD_NUMBERS += ("input_columns", "out_columns", "slope_columns")
@@ -51,7 +51,7 @@ VARIANTS: dict[str, Sequence[Mapping[str, Any]]] = {
 @pytest.mark.parametrize("name", TYPES)
 def test_the_kernels_compile_for_a_gpu(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
-    module = importlib.import_module(f"studio.training.triton.{name}")
+    module = importlib.import_module(f"v3studio.studio.training.triton.{name}")
     compile_kernels(module, TYPES[name], dict.fromkeys(KERNELS[name], module.WARPS), 80, VARIANTS)
 
 
@@ -86,7 +86,7 @@ def test_the_choice_on_a_gpu(name, dtype, backends, monkeypatch):
     by_triton, by_torch = (lambda *_, kernel=kernel: chosen.append(kernel) for kernel in ("triton", "torch"))
     functions = ("photometric_loss_triton", "coded_loss_triton", "motion_field_triton")
     in_triton = SimpleNamespace(**dict.fromkeys(functions, by_triton))
-    monkeypatch.setitem(sys.modules, f"studio.training.triton.{name}", in_triton)
+    monkeypatch.setitem(sys.modules, f"v3studio.studio.training.triton.{name}", in_triton)
     monkeypatch.setattr(kernels, "available_backends", lambda: backends)
     if name == "loss":
         monkeypatch.setattr(photometric, "photometric_loss_torch", by_torch)
