@@ -15,7 +15,7 @@ BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_P
 
 def test_the_command_line_sets_it_but_not_over_the_users() -> None:
     code = (
-        "import os, sys\nfrom pipelines import cli\nsys.argv = ['v3studio', '--version']\n"
+        "import os, sys\nfrom v3studio.pipelines import cli\nsys.argv = ['v3studio', '--version']\n"
         "try:\n    cli.main()\nexcept SystemExit:\n    pass\n"
         "print(os.environ['OMP_WAIT_POLICY'], file=sys.stderr)"
     )
