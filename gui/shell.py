@@ -77,7 +77,7 @@ class Shell:
         self.player = PlayerPresenter(read_mesh=RaycastMesh)
         self.views = StageViews(self.workspace, self.player)
         self.exports, self.serving = Exports(), Serving()
-        self.evaluation, self.marks = Evaluation(), Marks(None)
+        self.evaluation, self.marks = Evaluation(), Marks()
         self.notices, self.thumbnails = Notices(), Thumbnails()
         self.pictures = 0
         self.numbers: list[int | None] = [None, None, None]
@@ -105,10 +105,9 @@ class Shell:
     def _stay_awake(self) -> None:
         self._awake_until = time.monotonic() + AWAKE
 
-    def select(self, stage: str) -> None:
+    def _selected(self, stage: str) -> None:
         self.stages.selected = self.inspector.stage = stage
         self.camera_menu.close()
-        self.views.select(stage)
         self.window.set_needs_layout()
 
     def apply_preferences(self) -> None:

@@ -92,7 +92,7 @@ class MainWindow(Shell):
         self.controls = ControlsPanel(self.player, em, self.views.reset, self.timeline.fit, changed, hints)
         self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
         self.stages = StagesPanel(
-            self.workspace, em, self.select, self.actions.run, changed, self.actions.pick, self._widen,
+            self.workspace, em, self.views.select, self.actions.run, changed, self.actions.pick, self._widen,
             partial(show_stage_help, self), self._guard, hints,
         )  # fmt: skip
         self.inspector = InspectorPanel(em, changed, partial(apply_fix, self), self.window.set_needs_layout)
@@ -129,6 +129,7 @@ class MainWindow(Shell):
 
     def _connect(self) -> None:
         workspace, exports = self.workspace, self.exports
+        self.views.selected.connect(self._selected)
         workspace.changed.connect(self.changed)
         workspace.refused.connect(self._run_refused)
         workspace.changed.connect(self._forget_refusals)

@@ -144,7 +144,7 @@ class BakeActions:
         if done.error is not None:
             window.notices.show(str(as_message(done.error)), bad=True, topic="compare")
         elif done.result is not None:
-            window.select("review")
+            window.views.select("review")
             window.notices.clear("compare")
             window.player.compare_with(done.result)
         window.changed()

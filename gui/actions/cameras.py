@@ -52,7 +52,7 @@ class CameraActions:
         window = self._window
         player = window.player
         if camera in player.camera_names and player.source is not None:
-            window.select("review")
+            window.views.select("review")
             player.look_through(camera)
         else:
             self._alone(camera)
@@ -79,7 +79,7 @@ class CameraActions:
 
     def _alone(self, camera: str) -> None:
         views = self._window.views
-        self._window.select("capture")
+        self._window.views.select("capture")
         views.show_alone(camera, toggle=False)
 
     def _masks(self, camera: str) -> None:
@@ -87,7 +87,7 @@ class CameraActions:
         self._window.views.capture.mode = MASKS
 
     def _errors(self, camera: str) -> None:
-        self._window.select("calibrate")
+        self._window.views.select("calibrate")
         self._window.views.choose("report")
         self._window.views.stage_views["calibrate"].camera = camera
 

@@ -126,12 +126,12 @@ class Actions:
     def review(self, choice: str) -> None:
         views = self.window.views
         came = views.stage != "review"
-        self.window.select("review")
+        self.window.views.select("review")
         if not (came and choice == views.player.mode):  # from elsewhere a key shows a comparison, never turns it off
             views.choose(choice)
 
     def _exchange(self) -> None:
-        self.window.select("review")
+        self.window.views.select("review")
         self.window.views.leave()
         self.window.player.exchange()
 
@@ -160,7 +160,7 @@ class Actions:
 
         def start() -> None:
             if window.workspace.start(stage, again) and stage != "all":
-                window.select(stage)
+                window.views.select(stage)
 
         if not again or stage in ("bake", "review"):
             start()

@@ -49,7 +49,7 @@ class EditActions:
 
     def show(self) -> None:
         window = self._window
-        window.select("review")
+        window.views.select("review")
         window.views.edit()
         window.window.set_needs_layout()
 

@@ -4,7 +4,6 @@ import ctypes
 import threading
 from collections.abc import Callable
 
-from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.sources import Opened, load
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.shell import Shell
@@ -45,12 +44,12 @@ class Opening:
         # the previous take's buffers have just been freed; on a thread, because it can take half a second
         threading.Thread(target=_return_freed_memory, name="v3studio memory", daemon=True).start()
         window.exports.path.open(take.camera_path if take is not None else None, window.workspace.history)
-        window.marks = Marks(take.marks if take is not None else None)
+        window.marks.open(take.marks if take is not None else None)
         window.notices.outcome("marks file", str(window.marks.damage or ""))
         window.preferences.opened(str(opened.path))
         window.preferences.save()
         window.player.background = window.preferences.background
-        window.select("review" if opened.sources else "capture")
+        window.views.select("review" if opened.sources else "capture")
         if opened.sources and window.preferences.play_on_opening:
             window.player.transport.play()
         window.window.set_needs_layout()

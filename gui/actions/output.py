@@ -152,7 +152,7 @@ class OutputActions:
             window.notices.show("A report can only be written for a take, not for a stream.")
         elif context is None or not take.report.is_file() or window.workspace.row("review").state != "done":
             window.workspace.start("review")
-            window.select("review")
+            window.views.select("review")
         else:
             with window.notices.reporting("report"):
                 changed = update_marks(take, context.groups)

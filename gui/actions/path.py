@@ -37,7 +37,7 @@ class PathActions:
         window = self._window
         window.path_panel.shown = not window.path_panel.shown
         if window.path_panel.shown:
-            window.select("review")
+            window.views.select("review")
             if not window.layout.shows_figures:
                 window.layout.toggle_figures()
         window.window.set_needs_layout()

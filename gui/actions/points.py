@@ -64,4 +64,4 @@ def _run(window: Shell) -> None:
             stage_view.problem = str(error)
             return
     if workspace.start("calibrate", again=False):
-        window.select("calibrate")
+        window.views.select("calibrate")

@@ -11,7 +11,11 @@ class Marks:
     browsers (`v3studio serve --review`); it may not exist yet, and None keeps marks in memory only (for a bare stream).
     `damage`: why the file cannot be read, in which case it is never written; None if it can."""
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None = None) -> None:
+        self.open(path)
+
+    def open(self, path: Path | None) -> None:
+        """Read the marks of another take; None for a stream."""
         self._path = path
         self._seen: object = None
         self.marks: dict[int, Mark] = {}

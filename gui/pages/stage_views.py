@@ -28,7 +28,15 @@ EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)
 
 
 class StageViews:
-    """The stage views, and which one is on screen."""
+    """The stage views, and which one is on screen.
+
+    Signals:
+        selected: a stage was selected, by its key; also if it was on screen already.
+        clicked: the view was clicked.
+        camera_clicked, camera_menu: a camera was clicked with the left or the right button, by its name.
+        dialog_wanted: the dialog "cameras" or "bakes" is wanted.
+        edit_dialog: the dialog of a button of the edits is wanted, "numbers" or "list".
+    """
 
     def __init__(self, workspace: Workspace, player: PlayerPresenter) -> None:
         self.workspace, self.player = workspace, player
@@ -52,12 +60,12 @@ class StageViews:
         self._numbered: tuple[object, ...] = (None, None, None)
         self._newest = NewestImage()
         self._rest = Rest()
+        self.selected: Signal[[str]] = Signal()
         self.clicked: Signal[[]] = Signal()
-        # camera_clicked, camera_menu: emitted with a camera's name after a click, a right click on it
         self.camera_clicked: Signal[[str]] = Signal()
         self.camera_menu: Signal[[str]] = Signal()
-        self.dialog_wanted: Signal[[str]] = Signal()  # emitted with the name of a dialog, "cameras" or "bakes"
-        self.edit_dialog: Signal[[str]] = Signal()  # emitted with the button of the edits that needs a dialog
+        self.dialog_wanted: Signal[[str]] = Signal()
+        self.edit_dialog: Signal[[str]] = Signal()
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""
@@ -168,6 +176,7 @@ class StageViews:
         if stage != self.stage:
             self.stage = stage
             self.show_again()
+        self.selected.emit(stage)
 
     def show_again(self) -> None:
         """Redraw, because something else was on screen."""

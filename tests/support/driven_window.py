@@ -46,7 +46,7 @@ class DrivenWindow(window.MainWindow):
             opened, late = self.player.opened is not before, []
             self.player.transport.pause()  # while it plays, a slow view always has the next frame to draw
             for stage in TITLES if opened else ():
-                self.select(stage)
+                self.views.select(stage)
                 self.player.transport.seek(self.player.transport.last)
                 end, start = time.monotonic() + SETTLED, self.ticks
                 while self.ticks < start + 3 or not self.views.settled:
