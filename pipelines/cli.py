@@ -39,7 +39,6 @@ GROUPS = {  # commands, in the order of `v3studio --help`
     "Stages": STAGE_NAMES,
     "Prepare a capture": ("board", "sync", "colors", "models list", "models get"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
-    "Use other machines": ("work",),
     "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
     "Research": ("compare", "ablate"),
 }

@@ -25,7 +25,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY")),
 ]
-OTHER_OPTIONS = {"--version", "--help", "--size", "--log-state", "--node-ip-address", "--mem", "--partition"}
+OTHER_OPTIONS = {"--version", "--help", "--size", "--log-state", "--node-ip-address", "--gpus-per-node", "--partition"}
 """Of `v3studio` itself, `v3studio-gui`, Ray, Slurm and benchmarks."""
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")

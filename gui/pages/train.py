@@ -9,7 +9,6 @@ import numpy as np
 
 from v3studio.gui.drawing.canvas import Canvas, line_height
 from v3studio.gui.drawing.compare import boxes
-from v3studio.gui.drawing.lanes import draw_lanes
 from v3studio.gui.drawing.palette import DIM, GROUND, RAISED, TEXT
 from v3studio.gui.drawing.plots import curve, legend
 from v3studio.gui.models.scene.compose import draw
@@ -29,8 +28,6 @@ CURVES = (
 
 NOT_RUN = "no values yet"
 
-_LANES = 0.6  # share of the width that the groups of a run on several machines take
-
 
 class TrainView(StageView):
     """See the module."""
@@ -42,8 +39,7 @@ class TrainView(StageView):
         run, take = self.workspace.run, self.workspace.take
         preview = max((event.time for event in run.previews.values()), default=0.0)
         points = sum(len(line.positions) for lines in list(run.curves.values()) for line in list(lines.values()))
-        lanes = tuple(run.lanes.get("train", {}).values())
-        what = (take, self.workspace.problem, run.results, preview, points, run.stage, run.outcome, lanes)
+        what = (take, self.workspace.problem, run.results, preview, points, run.stage, run.outcome)
         return (*what, self.nothing, self.em)
 
     @property
@@ -76,28 +72,24 @@ class TrainView(StageView):
             short = title if each > 15 * em else title.split(" of ")[0]
             series = [snapshot(line) for line in lines]
             curve(canvas, area, short, series, em, newest, self.nothing)
-        lanes = list(run.lanes.get("train", {}).values())
-        if lanes:
-            draw_lanes(canvas, (em, share, _LANES * canvas.width - em, canvas.height - share - em), lanes, em)
-        self._pictures(canvas, share, _LANES * canvas.width if lanes else 0.0)
+        self._pictures(canvas, share)
         return canvas.pixels
 
-    def _pictures(self, canvas: Canvas, top: float, left: float) -> None:
-        """The newest render beside its footage, right of `left`."""
+    def _pictures(self, canvas: Canvas, top: float) -> None:
+        """Draw the newest render beside its footage."""
         em, small = self.em, round(0.85 * self.em)
-        whole = canvas.width - left
         try:
             words, render, footage = self._newest()
         except StudioError as error:
             words = str(error)
-            canvas.text(left + em, top + em, words[:1].upper() + words[1:], small, DIM, width=whole - 2 * em)
+            canvas.text(em, top + em, words[:1].upper() + words[1:], small, DIM, width=canvas.width - 2 * em)
             return
-        canvas.text(left + em, top, words, small, DIM, width=whole - 2 * em)
+        canvas.text(em, top, words, small, DIM, width=canvas.width - 2 * em)
         top, below = top + line_height(small), line_height(small)
-        room = (round(whole - 2 * em), round(canvas.height - top - em))
+        room = (round(canvas.width - 2 * em), round(canvas.height - top - em))
         cells = boxes(room, 2, render.shape[1] / render.shape[0], below)
         for (name, picture), box in zip((("footage", footage), ("trained", render)), cells, strict=True):
-            x, y, high = left + em + box.x, top + box.y, box.height - below
+            x, y, high = em + box.x, top + box.y, box.height - below
             if picture is None:
                 canvas.rect(x, y, box.width, high, RAISED)
                 name = "footage cannot be read"

@@ -97,20 +97,14 @@ class Metrics(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GroupState(Event):
-    """Where a group is in a run on several machines."""
+class GroupStarted(Event):
+    """A group has begun on a node, in a run on several machines."""
 
-    kind: ClassVar[str] = "group"
+    kind: ClassVar[str] = "group_started"
     group: int  # number of the group, counted from 0
-    state: str  # "queued", "running", "retried" (queued again), "done" or "failed"
-    node: str = ""  # name of the node that it runs on, or ran on last; "" while it was on none
+    node: str  # name of the node
     gpu: str = ""  # the GPUs that it uses there ("0"); "" for none
     attempt: int = 1  # counted from 1
-    frames_done: int = 0  # finished frames of the group
-    frames: int = 0  # all frames of the group
-    psnr: float | None = None  # of its training views, in dB; None while unknown
-    seconds_per_frame: float | None = None  # mean over the frames that this attempt has trained; None without any
-    message: str = ""  # why it was retried or failed
 
 
 @dataclass(frozen=True, kw_only=True)

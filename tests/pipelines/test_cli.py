@@ -76,7 +76,6 @@ FOLDERS = {
     "ablate": ("ablate", "ball.yaml", "--out"),
     "compare": ("compare", "take", "--out"),
     **{name: (name,) for name in ("status", "check", "cancel", "estimate", "play", "serve", "sync")},
-    "work": ("work", "--stage", "train", "--group", "0"),
 }
 
 

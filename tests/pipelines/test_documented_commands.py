@@ -40,7 +40,7 @@ OTHERS = {
     "make and git: .ci/run in a fresh clone, or tests of targets": r"make |git clone|\. \.venv|python scripts/self_",
     "downloads": r"(python -m )?pip install|npm install|docker |pre-commit",
     "a window": "v3studio-gui ",
-    "a cluster or a farm": r"ray |(groups=\$\()?sbatch|cuecmd|deadlinecommand|parallel|printf|echo|ssh ",
+    "another machine": r"(ray|sbatch|ssh) ",
     "an account at a store, or its variables": r"aws |gcloud |az |export ",
     "runs until it is stopped": "tail -f ",
     "a program that may not be installed": "jq ",
@@ -56,7 +56,6 @@ SHORTER = {
     "12:251": "1:4",  # the take has five frames, in groups of three and two
     "0:20": "0:2",
     "--at 0.1 -0.1 1.4 --radius 0.15": "--at 0 0 0.5 --radius 0.3",
-    "--group 17": "--group 1",
     "--camera cam00": "--camera cam0",
     "--size 640x360": "--size 96x72",
     "--format turntable": "--format turntable --size 64x48 --seconds 0.2",

@@ -127,7 +127,6 @@ board board.pdf
 config bake --changed --bake.quality 30
 completion bash
 models list
-work take --print-commands
 queue add take --queue queue.json
 queue move 1 1 --queue queue.json
 queue list --queue queue.json

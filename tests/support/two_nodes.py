@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from tempfile import TemporaryFile
 from typing import IO
 
-from v3studio.pipelines.events import Event, GroupState, read_line
+from v3studio.pipelines.events import Event, GroupStarted, Metrics, read_line
 
 SETTINGS: Mapping[str, str] = {
     "RAY_AUTH_MODE": "token",
@@ -82,17 +82,20 @@ class TwoNodes:
             lines: standard output of `v3studio run --json`, read as it is written.
         """
         freed = killed = False
+        nodes: dict[int | None, str] = {}
         for line in lines:
             event, _ = read_line(line)
             if event is not None:
                 yield event
-            if not isinstance(event, GroupState) or (event.stage, event.state) != ("train", "running"):
+            if event is None or event.stage != "train":
                 continue
-            if not freed:
-                self._say("free")
-                self._answer("freed")
-                freed = True
-            if not killed and event.node.endswith(self.second) and 0 < event.frames_done < event.frames:
+            if isinstance(event, GroupStarted):
+                nodes[event.group] = event.node
+                if not freed:
+                    self._say("free")
+                    self._answer("freed")
+                    freed = True
+            if not killed and isinstance(event, Metrics) and nodes.get(event.group, "").endswith(self.second):
                 self._say("kill")  # all its processes, as when its power fails
                 self._answer("killed")
                 killed = True

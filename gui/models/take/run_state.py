@@ -11,7 +11,7 @@ from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.pipelines.events import (
     Event,
     Finished,
-    GroupState,
+    GroupStarted,
     Log,
     Metrics,
     Notice,
@@ -71,8 +71,6 @@ class RunState:
     # loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
     previews: dict[str, Preview] = field(default_factory=dict)  # latest image by camera
-    # latest state by stage and group, of stages that ran on several machines
-    lanes: dict[str, dict[int, GroupState]] = field(default_factory=dict)
     begun: bool = False
     changes: int = 0  # incremented with every event
     _trained: float = 0.0
@@ -99,7 +97,6 @@ class RunState:
             self._say(f"Run started: {todo}")
         elif isinstance(event, StageStarted):
             self.stage, self.progress = event.stage, None
-            self.lanes.pop(event.stage, None)
             self.failed.pop(event.stage, None)
             self._say(f"{stage_name(event.stage)}: started{f' ({event.reason})' if event.reason else ''}")
         elif isinstance(event, Progress):
@@ -111,10 +108,9 @@ class RunState:
                 self.results += 1
             if event.group is not None:  # figures of a whole stage are those of StageFinished
                 self._say(metrics_words(event))
-        elif isinstance(event, GroupState):
-            self.lanes.setdefault(event.stage, {})[event.group] = event
-            if event.state in ("retried", "failed"):
-                self._say(f"{stage_name(event.stage)}, group {event.group} {event.state}: {event.message}", "warning")
+        elif isinstance(event, GroupStarted):
+            gpu = f", GPU {event.gpu}" if event.gpu else ""
+            self._say(f"{stage_name(event.stage)}: group {event.group} started on {event.node}{gpu}")
         elif isinstance(event, Preview):
             self.previews[event.camera or event.stage] = event
         elif isinstance(event, Log):

@@ -1,7 +1,7 @@
 """Runs groups as tasks of a Ray cluster and reports them as a local run does.
 
-A task does what `v3studio work` does, and writes its events to a file in the take, which this process follows. The
-executor, not Ray, handles lost workers and nodes that cannot run a task: it can report what happened, and choose where
+A task is one stage of one group. It writes its events to a file in the take, which this process follows. The executor,
+not Ray, handles lost workers and nodes that cannot run a task: it can report what happened, and choose where
 a group runs next.
 """
 
@@ -12,18 +12,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from v3studio.pipelines.events import GroupState, Metrics, Preview, Progress, Warned
+from v3studio.pipelines.events import GroupStarted, Metrics, Preview, Progress, Warned
 from v3studio.pipelines.events.event_log import LogFollower
-from v3studio.pipelines.runs.cluster.lanes import Lanes
 from v3studio.pipelines.runs.cluster.nodes import Nodes, Wanted
 from v3studio.pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
-from v3studio.pipelines.runs.work import cpus_of_group
 from v3studio.pipelines.stages import Stage
-from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group
+from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_of_groups
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.atomic_files import remove
 from v3studio.pipelines.takes.groups import Group
+from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message, StudioError
 
 _WAIT = 0.3  # seconds between two looks at the cluster, and before a cancelled run notices it
@@ -97,7 +96,8 @@ class _Run:
         self._queue: deque[_Job] = deque()
         self._running: dict[Any, _Job] = {}
         self._warned: set[str] = set()
-        self._lanes = Lanes(self._stage.name, self._reporter.emit)
+        self._groups: list[Group] = []  # that were not finished before
+        self._fractions: dict[int, float] = {}  # progress of each of them, by index
         self._figures: dict[str, Any] = {}
         self._waiting: dict[str, float] = {}
 
@@ -108,9 +108,11 @@ class _Run:
             if self._stage.group_code.group_done(self._inputs, group):
                 self._finished(group)
                 continue
-            cpus = cpus_of_group(self._stage.name, self._inputs, group.index)
+            # as many threads as in a local run, which the bytes of training depend on
+            cpus = threads_of_groups(self._inputs)[group.index] if self._stage.name == "train" else self._inputs.threads
             self._queue.append(_Job(group, self._stage.group_code.group_key(self._inputs, group), cpus))
-            self._lanes.queued(group)
+            self._groups.append(group)
+            self._fractions[group.index] = 0.0
         self._task = ray.remote(_task)
         try:
             while self._queue or self._running:
@@ -122,9 +124,18 @@ class _Run:
                 for reference in done:
                     if (job := self._running.pop(reference, None)) is not None:
                         self._end(job, reference)
-                self._reporter.progress(self._lanes.fraction, self._lanes.label, **self._figures)
+                self._report_progress()
         finally:
             self._cancel_all()
+
+    def _report_progress(self) -> None:
+        """Report the progress of all groups, weighted by their frames, and how many run where."""
+        done = sum(len(group.frames) * self._fractions[group.index] for group in self._groups)
+        finished = len(self._groups) - len(self._queue) - len(self._running)
+        nodes = [job.node for job in self._running.values() if job.node]
+        where = f"{len(nodes)} running on {counted(len(set(nodes)), 'node')}" if nodes else "waiting for a node"
+        label = f"{finished} of {counted(len(self._groups), 'group')}, {where}"
+        self._reporter.progress(done / sum(len(group.frames) for group in self._groups), label, **self._figures)
 
     def _submit(self) -> None:
         while self._queue:
@@ -217,24 +228,23 @@ class _Run:
     def _read_events(self) -> None:
         for job in self._running.values():
             for event in job.log.poll()[1] if job.log is not None else ():
-                if isinstance(event, GroupState):
+                if isinstance(event, GroupStarted):
                     self._started(job, event.node, event.gpu)
                 else:
                     self._forward(job, event)
 
     def _started(self, job: _Job, node: str, gpu: str = "") -> None:
         job.node = node
-        self._lanes.running(job.group, self._nodes.name(node), gpu, job.attempt)
+        name, stage = self._nodes.name(node), self._stage.name
+        self._reporter.emit(GroupStarted(stage=stage, group=job.group.index, node=name, gpu=gpu, attempt=job.attempt))
 
     def _forward(self, job: _Job, event: Any) -> None:
         if isinstance(event, Progress):
-            self._lanes.progress(job.group, event)
+            index = job.group.index
+            self._fractions[index] = max(self._fractions[index], event.fraction)
             self._figures = dict(event.figures)
-        elif isinstance(event, Metrics):
-            self._lanes.metrics(job.group, event)
-            self._reporter.emit(event)
-        elif isinstance(event, Preview) and Path(event.path).is_file():  # not in a folder of that node only
-            self._reporter.emit(event)
+        elif isinstance(event, Metrics) or (isinstance(event, Preview) and Path(event.path).is_file()):
+            self._reporter.emit(event)  # not images in a folder of that node only
         elif isinstance(event, Warned) and event.message not in self._warned:
             self._warned.add(event.message)  # every group says what a local run says once
             self._reporter.emit(event)
@@ -276,7 +286,7 @@ class _Run:
                     group=job.group.index,
                 )
             time.sleep(0.2)
-        self._lanes.done(job.group)
+        self._fractions[job.group.index] = 1.0
         self._finished(job.group)
 
     def _refused(self, job: _Job, message: Message) -> None:
@@ -284,9 +294,8 @@ class _Run:
             self._nodes.excluded.add(job.node)
             if self._nodes.usable():
                 self._warn(message)
-                self._again(job, message.problem)
+                self._again(job)
                 return
-        self._lanes.change(job.group, state="failed", message=str(message))
         where, problem = self._nodes.name(job.node), message.problem
         if "node" not in message.fields:
             problem += f" (group {job.group.index} on {where})"
@@ -301,15 +310,14 @@ class _Run:
         if job.lost > RETRIES:
             if job.lost > 1:
                 told = f"group {job.group.index} lost {job.lost} workers, the last{where} ({reason})"
-            self._lanes.change(job.group, state="failed", message=told)
             fix = "See the logs of Ray on that node."
             raise StudioError("cluster.worker_lost", told, fix=fix, group=job.group.index)
         self._warn(Message("cluster.worker_lost", f"{told}; it is started again", fields={"group": job.group.index}))
-        self._again(job, f"its worker was lost ({reason})")
+        self._again(job)
 
     def _out_of_memory(self, job: _Job) -> None:
         if job.wanted is not None and job.wanted.memory < self._wanted(job).memory:  # before this was known
-            self._again(job, f"{self._nodes.name(job.node)} ran out of memory")
+            self._again(job)
             return
         beside = sum(one.node == job.node for one in self._running.values()) + 1
         share = self._nodes.memory(job.node) / max(1, beside // 2)
@@ -327,13 +335,12 @@ class _Run:
         for reference in reversed(waiting):
             self._ray.cancel(reference, force=True)
             self._queue.appendleft(self._running.pop(reference))
-        self._again(job, f"{name} ran out of memory")
+        self._again(job)
 
-    def _again(self, job: _Job, reason: str) -> None:
+    def _again(self, job: _Job) -> None:
         job.attempt += 1
         job.node = ""
         self._queue.appendleft(job)
-        self._lanes.change(job.group, state="retried", attempt=job.attempt, message=reason)
 
     def _warn(self, message: Message) -> None:
         if str(message) not in self._warned:

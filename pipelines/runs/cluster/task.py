@@ -119,9 +119,9 @@ def _do_when_visible(task: GroupTask, node: str) -> None:
 
 def do_task(task: GroupTask, node: str) -> None:
     from v3studio.pipelines.config import load_config
-    from v3studio.pipelines.events import GroupState, Metrics, Preview, Progress, Warned
+    from v3studio.pipelines.events import GroupStarted, Metrics, Preview, Progress, Warned
     from v3studio.pipelines.events.event_log import EventLog
-    from v3studio.pipelines.runs.work import work
+    from v3studio.pipelines.runs.cluster.work import work
     from v3studio.pipelines.takes.take import Take
 
     take = Take.open(_here(Path(task.take, "take.json"), "take", task).parent)
@@ -129,7 +129,7 @@ def do_task(task: GroupTask, node: str) -> None:
         take.group_events.mkdir(exist_ok=True)
     log = EventLog(take.group_events / task.events, _PROGRESS_SECONDS)
     gpu = os.environ.get("CUDA_VISIBLE_DEVICES", "")
-    log(GroupState(stage=task.stage, group=task.group, state="running", node=node, gpu=gpu))
+    log(GroupStarted(stage=task.stage, group=task.group, node=node, gpu=gpu, attempt=task.attempt))
 
     def emit(event: Event) -> None:
         if isinstance(event, Metrics | Preview | Progress | Warned):
@@ -139,7 +139,7 @@ def do_task(task: GroupTask, node: str) -> None:
         _here(Path(task.footage), "footage", task)
     config = load_config(take.config, task.settings)
     try:
-        work(take, config, task.stage, task.group, emit, expected=task.key)
+        work(take, config, task.stage, task.group, task.key, emit)
     except StudioError as error:
         if error.message.code not in _FOOTAGE_CODES:
             raise

@@ -14,7 +14,7 @@ EXAMPLES = [
     events.StageStarted(stage="train", reason="never finished"),
     Progress(stage="train", fraction=0.5, seconds_left=3.0, label="group 1", figures={"loss": 0.1, "splats": 7}),
     Metrics(stage="train", values={"psnr": 31.0}, group=0, frame=3),
-    events.GroupState(stage="train", group=3, state="running", node="node1", frames=20, psnr=27.5),
+    events.GroupStarted(stage="train", group=3, node="node1", attempt=2),
     events.Preview(stage="train", path="/t/x.png", caption="frame 3", camera="cam05", iteration=500),
     events.Log(stage="train", message="hello"),
     events.Serving(streams=(STREAM,), reviews=(), bases=("http://x",), local=True, https=False, fingerprint=None),

@@ -39,21 +39,17 @@ def test_footage_in_a_store_makes_the_same_take(finished, project, start, here, 
     images = {key for key, _ in object_store.gets if key.endswith(".png")}
     assert len(images) == 6, "of the footage, only the first frame of each camera is needed here"
 
-    # two workers of one machine, one of which is killed after its first frame
-    whole, killed = (start("work", take, "--group", group, "--json") for group in (0, 1))
+    killed = start("run", take, "--json")
     stop_when(killed, trains_a_frame)
-    output = whole.communicate()
-    assert whole.returncode == 0, output
     assert object_store.failed > 0
     assert object_store.fetched_twice("day1") == []
 
     # another machine, which has nothing of the footage yet, resumes
-    there = {int(path.stem[6:]) for path in (take / "train" / "group_001").glob("frame_*")}
+    there = {int(path.stem[6:]) for path in (take / "train").glob("group_*/frame_*")}
     object_store.gets.clear()
     monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "b"))
-    again = here("work", take, "--group", 1, "--json").ok()
-    assert set(frames_in(again.events)) == {3, 4} - there
-    here("run", take).ok()
+    again = here("run", take, "--json").ok()
+    assert set(frames_in(again.events, "train")) == set(range(5)) - there
     assert object_store.fetched_twice("day1") == []
 
     for path in take.rglob("*"):
@@ -76,7 +72,7 @@ def test_a_machine_without_access_says_so_and_changes_nothing(project, here, obj
     before = results(project / "take")
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAWRONG")
     s3fs.S3FileSystem.clear_instance_cache()
-    done = here("work", project / "take", "--group", 0).fails("error: s3://studio/day1: the store refuses access")
+    done = here("run", project / "take").fails("error: s3://studio/day1: the store refuses access")
     assert "Traceback" not in done.stderr
     assert SECRET not in done.stderr
     status = here("status", project / "take")  # shows what it can, and why not more

@@ -9,7 +9,6 @@ from tests.support.errors import refuses
 from tests.support.events import frames_in
 from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.events.cancellation import Cancellation
-from v3studio.pipelines.runs.work import work
 from v3studio.pipelines.stages import group_scheduler
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
@@ -74,7 +73,7 @@ def test_only_what_is_left_to_train_needs_memory(copied: Path, take: Take, monke
     run_take(copied, stages=("train",))
     take.trained_frame(1, 3).unlink()
     with refuses("train.too_little_memory"):
-        work(take, settings_in(copied), "train", 1, lambda event: None)
+        run_take(copied, stages=("train",))
     # before the colors of the cameras are fitted, which is training too
     with refuses("train.too_little_memory"):
         run_take(copied, "train.camera_colors=splats", stages=("train",))

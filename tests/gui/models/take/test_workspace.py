@@ -1,7 +1,6 @@
 import os
 import signal
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -17,7 +16,6 @@ from v3studio.gui.models.take.run_state import RunState
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.events import (
     Finished,
-    GroupState,
     Metrics,
     Progress,
     RunStarted,
@@ -25,7 +23,6 @@ from v3studio.pipelines.events import (
     StageFinished,
     StageStarted,
 )
-from v3studio.pipelines.events.event_log import EventLog
 from v3studio.pipelines.takes.take import Take
 
 
@@ -94,31 +91,6 @@ def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: 
 
 def states(workspace: Workspace) -> dict[str, str]:
     return {row.key: row.state for row in workspace.rows()}
-
-
-def test_a_window_opened_later_shows_a_run_on_a_cluster(take_copy: Path) -> None:
-    take = Take.open(take_copy)
-    lost = "its worker was lost (NodeDiedError)"
-    groups = (
-        GroupState(stage="train", group=0, state="running", node="node1", gpu="0", frames_done=2, frames=3, psnr=31.5,
-                   seconds_per_frame=4.2),
-        GroupState(stage="train", group=1, state="retried", node="node2", frames=2, attempt=2, message=lost),
-        GroupState(stage="train", group=2, state="queued", frames=2),
-    )  # fmt: skip
-    with take.locked("v3studio run"):
-        take.log.unlink(missing_ok=True)
-        log = EventLog(take.log, 2.0)
-        log(RunStarted(take="t", stages=("train", "bake"), done=("calibrate",), pid=os.getpid(), version="1"))
-        log(StageStarted(stage="train", reason="not run yet"))
-        log(replace(groups[0], frames_done=0))
-        for group in groups:
-            log(group)
-        for _ in range(2):  # closed, and opened again
-            workspace = Workspace()
-            workspace.open(take)
-            assert workspace.busy
-            assert tuple(workspace.run.lanes["train"].values()) == groups
-            assert workspace.row("train").state == "running"
 
 
 def test_a_setting_makes_stages_stale_and_a_run_makes_them_done_again(workspace: Workspace, take_copy: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import subprocess
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -54,3 +55,11 @@ def test_ray_up(ray: Path):
     assert set(schema["required"]) <= found.keys() <= schema["properties"].keys()
     for command in (*found["head_start_ray_commands"], *found["worker_start_ray_commands"]):
         assert unknown(command, ray) == []
+
+
+def test_slurm(ray: Path) -> None:
+    script = (EXAMPLES / "slurm.sh").read_text(encoding="utf-8")
+    subprocess.run(["bash", "-n", EXAMPLES / "slurm.sh"], check=True)
+    commands = re.findall(r"^ *(ray start .*?)(?: &)?$", script, re.MULTILINE)
+    assert [unknown(command, ray) for command in commands] == [[], []]
+    assert "--block" in commands[1], "or the step would end at once, and the node with it"

@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.errors import refuses
 from v3studio.pipelines.config import Config
-from v3studio.pipelines.events import GroupState, Progress, Warned
+from v3studio.pipelines.events import GroupStarted, Progress, Warned
 from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.runs.cluster import executor as module
 from v3studio.pipelines.runs.cluster import task as task_module
@@ -60,7 +60,7 @@ class FakeRay:
                 excluded = given.get("label_selector", {}).get("ray.io/node-id", "")
                 node = next(key for key in self.ids if key not in excluded)
                 if not self.silent:
-                    event = GroupState(stage=task.stage, group=task.group, state="running", node=node)
+                    event = GroupStarted(stage=task.stage, group=task.group, node=node, attempt=task.attempt)
                     self.events.mkdir(exist_ok=True)
                     (self.events / task.events).write_text(event.to_json() + "\n")
                 return Reference(task, node)
@@ -136,15 +136,15 @@ class Run:
     def warnings(self) -> list[str]:
         return [event.code for event in self.events if isinstance(event, Warned)]
 
-    def states(self, group: int) -> list[str]:
-        return [event.state for event in self.events if isinstance(event, GroupState) and event.group == group]
+    def attempts(self, group: int) -> list[int]:
+        return [event.attempt for event in self.events if isinstance(event, GroupStarted) and event.group == group]
 
 
 def test_groups_are_queued_run_and_done():
     run = Run(lambda task, node: None)
     run.go()
     assert run.finished == [0, 1, 2]
-    assert [run.states(group) for group in range(3)] == [["queued", "running", "done"]] * 3
+    assert [run.attempts(group) for group in range(3)] == [[1]] * 3
     assert [event.fraction for event in run.events if isinstance(event, Progress)][-1] == 1.0
     assert {given["num_cpus"] for given in run.ray.asked} == {1}
     assert run.warnings() == []
@@ -165,7 +165,7 @@ def test_a_lost_worker_is_replaced(exceptions):
     run.go()
     assert lost
     assert sorted(run.finished) == [0, 1, 2]
-    assert run.states(1) == ["queued", "running", "retried", "running", "done"]
+    assert run.attempts(1) == [1, 2]
     assert run.warnings() == ["cluster.worker_lost"]
 
 
@@ -174,7 +174,7 @@ def test_a_group_that_loses_every_worker_ends_the_run(exceptions, monkeypatch):
     with refuses("cluster.worker_lost", group=0) as caught:
         run.go()
     assert "2 workers, the last on node1 (WorkerCrashedError)" in str(caught.value)
-    assert run.states(0) == ["queued", "running", "retried", "running", "failed"]
+    assert run.attempts(0) == [1, 2]
     monkeypatch.setattr(module, "RETRIES", 0)
     run = Run(run.ray.behave)
     with refuses("cluster.worker_lost", group=0):

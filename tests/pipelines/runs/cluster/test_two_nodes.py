@@ -5,7 +5,7 @@ import pytest
 from tests.support.tiny_capture import environment, results, v3studio
 from tests.support.two_nodes import SETTINGS, two_nodes
 from tests.support.warm_python import warm_python
-from v3studio.pipelines.events import GroupState, Metrics, StageFinished, Warned
+from v3studio.pipelines.events import GroupStarted, Metrics, StageFinished, Warned
 from v3studio.pipelines.stages import STAGE_NAMES
 
 pytestmark = pytest.mark.long
@@ -45,7 +45,7 @@ def run_and_kill(project, take):
         events = list(cluster.events_while_second_is_killed(process.stdout))
         _, errors = process.communicate()
         assert process.returncode == 0, errors
-    return events, {event.node for event in events if isinstance(event, GroupState) and event.state == "running"}
+    return events, {event.node for event in events if isinstance(event, GroupStarted)}
 
 
 @pytest.mark.timeout(1200)
@@ -59,7 +59,7 @@ def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(project):
     assert len(nodes) == 2
     lost = [event for event in events if isinstance(event, Warned)]
     assert [event.code for event in lost] == ["cluster.worker_lost"]
-    retried = [e for e in events if isinstance(e, GroupState) and e.state == "retried"]
+    retried = [e for e in events if isinstance(e, GroupStarted) and e.attempt == 2]
     assert [event.group for event in retried] == [lost[0].fields["group"]]
     other = 1 - lost[0].fields["group"]
     told = [e.frame for e in events if isinstance(e, Metrics) and (e.stage, e.group) == ("train", other)]
