@@ -56,9 +56,9 @@ from v3studio.pipelines.takes.atomic_files import read_model
 from v3studio.pipelines.takes.frame_files import read_frame
 from v3studio.pipelines.takes.stage_files import TrainedGroup
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.capture import Footage
 from v3studio.studio.comparison import evaluate
 from v3studio.studio.errors import Cancelled
+from v3studio.studio.footage import Footage
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.training import interframe_steps
 from v3studio.studio.training.coded_loss import CodedLoss

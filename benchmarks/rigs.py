@@ -24,7 +24,7 @@ from v3studio.studio.calibration.epipolar import PairMatches, match_images
 from v3studio.studio.calibration.report import RigVerdict
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
-from v3studio.studio.capture import Footage, FootageView, open_footage
+from v3studio.studio.footage import Footage, FootageView, open_footage
 from v3studio.studio.similarity import Similarity
 
 LATE = 5

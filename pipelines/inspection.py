@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.pipelines.stages.camera_file import camera_file, camera_file_text
-from v3studio.studio.capture import CaptureSettings, Footage, find_cameras, open_footage, suggested_held_out
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
 from v3studio.studio.capture.patterns import walk
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.footage import Footage, find_cameras, open_footage, suggested_held_out
 from v3studio.studio.masks.mask_files import FileMaskSource
 from v3studio.studio.masks.mask_source import masked_cameras
 from v3studio.studio.progress import ProgressFn, no_progress

@@ -35,13 +35,13 @@ from v3studio.studio.cameras import Camera as Camera
 from v3studio.studio.cameras import Rig as Rig
 from v3studio.studio.cameras import orbit as orbit
 from v3studio.studio.capture import CaptureSettings as CaptureSettings
-from v3studio.studio.capture import Footage as Footage
-from v3studio.studio.capture import FootageView as FootageView
-from v3studio.studio.capture import open_footage as open_footage
 from v3studio.studio.comparison import evaluate as evaluate
 from v3studio.studio.errors import Cancelled as Cancelled
 from v3studio.studio.errors import Message as Message
 from v3studio.studio.errors import StudioError as StudioError
+from v3studio.studio.footage import Footage as Footage
+from v3studio.studio.footage import FootageView as FootageView
+from v3studio.studio.footage import open_footage as open_footage
 from v3studio.studio.formats import read_splats as read_splats
 from v3studio.studio.formats import write_splats as write_splats
 from v3studio.studio.formats.baking import bake_video as bake_video

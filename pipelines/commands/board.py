@@ -90,8 +90,8 @@ def _board(arguments: argparse.Namespace) -> None:
 
 
 def _sync(arguments: argparse.Namespace) -> None:
-    from v3studio.studio.capture import open_footage, refuse_unknown_cameras
-    from v3studio.studio.capture.sync import check_sync
+    from v3studio.studio.footage import open_footage, refuse_unknown_cameras
+    from v3studio.studio.footage.sync import check_sync
 
     capture = read_settings(arguments.source, arguments.overrides).capture
     with closing(open_footage(capture.replace(offsets={}, masks="none"), None, strict=False)) as footage:
@@ -118,8 +118,8 @@ def _sync(arguments: argparse.Namespace) -> None:
 
 def _colors(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.commands.common.working import working
-    from v3studio.studio.capture import open_footage
-    from v3studio.studio.capture.color_chart import fit_chart_colors
+    from v3studio.studio.footage import open_footage
+    from v3studio.studio.footage.color_chart import fit_chart_colors
 
     capture = read_settings(arguments.source, arguments.overrides).capture
     footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)

@@ -17,7 +17,7 @@ from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from v3studio.pipelines.takes.take import Take
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
 
 
 def register(commands: Any) -> None:
@@ -55,7 +55,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _footage(folder: Path) -> Footage | None:
     from v3studio.pipelines.commands.common.source import read_settings
-    from v3studio.studio.capture import open_footage
+    from v3studio.studio.footage import open_footage
 
     try:
         return open_footage(read_settings(folder).capture, None, strict=False)
@@ -65,7 +65,7 @@ def _footage(folder: Path) -> Footage | None:
 
 def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
     from v3studio.pipelines.inspection import found_lines
-    from v3studio.studio.capture import check_footage
+    from v3studio.studio.footage import check_footage
 
     with working("check", arguments) as report, closing(footage):
         problems = [str(problem) for problem in check_footage(footage, report)]

@@ -81,7 +81,7 @@ def _run(arguments: argparse.Namespace) -> None:
     keep_freed_memory()
     from v3studio.pipelines.takes.atomic_files import disk_errors
     from v3studio.pipelines.takes.take import Take
-    from v3studio.studio.capture import open_footage
+    from v3studio.studio.footage import open_footage
 
     source, folder = arguments.source, arguments.take
     if source is not None and is_take(source):

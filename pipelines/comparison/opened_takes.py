@@ -18,7 +18,7 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.own_frame import in_own_frame
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
     from v3studio.studio.stream import CapturePlace, StreamReader
 
 
@@ -45,7 +45,7 @@ def open_takes(
     the same; each take is rendered with its own calibration. StudioError if a take has no stream, a camera
     is missing (`compare.no_such_camera`), or none is held out (`compare.no_held_out`).
     """
-    from v3studio.studio.capture import open_footage
+    from v3studio.studio.footage import open_footage
 
     first = _inputs(footage)
     names = _cameras(first, protocol, cameras)

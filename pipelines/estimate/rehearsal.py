@@ -23,8 +23,8 @@ from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.stages.evaluate import lpips_of
 from v3studio.pipelines.stages.group_scheduler import run_groups, threads_by_group
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.studio.capture import FootageView
 from v3studio.studio.comparison import ViewPair, measure, padded_box
+from v3studio.studio.footage import FootageView
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.meshing import InitResult, initialize_points
 from v3studio.studio.meshing.settings import InitializeSettings

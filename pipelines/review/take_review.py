@@ -22,7 +22,7 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.similarity import Similarity
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
     from v3studio.studio.stream import CapturePlace
 
 MAX_WIDTH = 1920  # largest width of an image in pixels; larger ones are scaled down

@@ -45,7 +45,7 @@ from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from v3studio.studio.calibration import CalibrationResult
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
 
 STAGE = stage_named("calibrate")
 
@@ -141,7 +141,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
 
 
 def _from_file(inputs: Inputs, path: Path) -> tuple[Rig, CamerasFromFile]:
-    from v3studio.studio.capture import rig_of_footage
+    from v3studio.studio.footage import rig_of_footage
 
     footage = inputs.raw_footage
     rig = rig_of_footage(read_rig(path), inputs.config.capture, footage.camera_names, footage.without_masks)

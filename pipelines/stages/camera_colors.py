@@ -35,7 +35,7 @@ def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str) -> N
 
 
 def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:
-    from v3studio.studio.capture.color_chart import fit_chart_colors, reasons
+    from v3studio.studio.footage.color_chart import fit_chart_colors, reasons
 
     footage = inputs.calibrated_footage
     searching = reporter.counting("colors of cameras: chart in image")

@@ -14,7 +14,7 @@ from v3studio.studio.capture.settings import FileSettings
 from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
 
 _FOLDERS = (
     ".", "calibration", "cameras", "cams", "sparse", "colmap/sparse", "sparse_full_resolution",
@@ -61,7 +61,7 @@ def camera_file(settings: FileSettings) -> Path | None:
 
 def camera_file_text(footage: Footage) -> str:
     """What is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
-    from v3studio.studio.capture import rig_of_footage
+    from v3studio.studio.footage import rig_of_footage
 
     try:
         path = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine

@@ -13,7 +13,7 @@ from v3studio.studio.comparison import ViewPair, padded_box
 
 if TYPE_CHECKING:
     from v3studio.studio.cameras import Camera
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
     from v3studio.studio.gaussians import Gaussians
 
 

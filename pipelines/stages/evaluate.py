@@ -29,7 +29,7 @@ from v3studio.studio.comparison import Residual, flicker_of, measure
 from v3studio.studio.errors import Message, StudioError
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
     from v3studio.studio.perceptual import Lpips
     from v3studio.studio.stream import StreamReader
 

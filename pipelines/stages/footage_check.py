@@ -12,7 +12,7 @@ from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.studio.errors import Cancelled, Message, StudioError
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
 
 
 @contextmanager
@@ -25,8 +25,8 @@ def footage_check(
     StudioError if a frame cannot be read or has an empty mask. It names all problems, also if the block failed first
     with one of them.
     """
-    from v3studio.studio.capture import check_footage
-    from v3studio.studio.capture.checks import ColorDrift
+    from v3studio.studio.footage import check_footage
+    from v3studio.studio.footage.checks import ColorDrift
 
     ended, drift = Cancellation(), ColorDrift()
 

@@ -19,7 +19,7 @@ def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
     key = digest_of([1, seen, list(frames), result_of(inputs.take, "calibrate")])
     if path.is_file() and read_model(path, FoundMotion).key == key:
         return False
-    from v3studio.studio.capture.motion import motion
+    from v3studio.studio.footage.motion import motion
 
     footage, box = inputs.calibrated_footage, inputs.training_box
     names = footage.train_cameras

@@ -26,7 +26,7 @@ from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
 
 _SEED_WORD = "initialise"  # part of the seed: with another word, the points of every take would change
 _FEWEST_POINTS = 4  # that a keyframe can be trained from

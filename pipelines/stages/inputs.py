@@ -22,8 +22,9 @@ from v3studio.studio.storage import is_address, mirrored
 
 if TYPE_CHECKING:
     from v3studio.studio.cameras import Rig
-    from v3studio.studio.capture import CaptureSettings, Footage
+    from v3studio.studio.capture import CaptureSettings
     from v3studio.studio.edits import CropBox, EditList
+    from v3studio.studio.footage import Footage
 
 
 @dataclass(eq=False)
@@ -74,7 +75,7 @@ class Inputs:
     def footage_digest(self) -> str:
         """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid. So
         do they when the take is moved or copied."""
-        from v3studio.studio.capture import open_footage
+        from v3studio.studio.footage import open_footage
 
         everything = self.capture.replace(frames=None)
         garbage = file_of_garbage(self.config.capture, self.take)
@@ -98,7 +99,7 @@ class Inputs:
 
     def opened(self, rig: Rig | None) -> Footage:
         """The footage with other cameras; None: without cameras. Raises StudioError: it cannot be opened."""
-        from v3studio.studio.capture import open_footage
+        from v3studio.studio.footage import open_footage
 
         run = self.config.run
         return open_footage(

@@ -14,7 +14,7 @@ from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.storage import whole_files
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
 
 
 def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "tie_points"], root: Path) -> Path:
@@ -31,7 +31,7 @@ def named_file(section: CalibrateSettings, setting: Literal["known_cameras", "ti
 
 def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
     """The cameras of calibrate.known_cameras with the footage's image size and camera names; None if it is empty."""
-    from v3studio.studio.capture import match_rig
+    from v3studio.studio.footage import match_rig
 
     if not section.known_cameras:
         if section.known in ("poses", "initial_poses"):
@@ -46,7 +46,7 @@ def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
 
 def at_footage_size(camera: Camera, footage: Footage) -> Camera:
     """Convert a camera to the image size that it has in the footage (`capture.size_rule`)."""
-    from v3studio.studio.capture.warp import Warp, fit_size
+    from v3studio.studio.footage.warp import Warp, fit_size
 
     width, height = footage.raw_size(camera.name)
     first = partial(footage.raw_image, camera.name, footage.frames[0])

@@ -22,7 +22,7 @@ from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage, FootageView
+    from v3studio.studio.footage import Footage, FootageView
 
 
 _NAMED_PLACES = 3  # cameras of which the place is named where their masks contradict the others, the worst first

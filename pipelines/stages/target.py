@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from v3studio.studio.calibration import CalibrationResult, TargetObservation
     from v3studio.studio.calibration.report import IntrinsicsReport
     from v3studio.studio.cameras import Camera
-    from v3studio.studio.capture import CaptureSettings, Footage
+    from v3studio.studio.capture import CaptureSettings
+    from v3studio.studio.footage import Footage
 
 
 def target_digest(inputs: Inputs) -> list[str]:
@@ -87,7 +88,8 @@ def intrinsics_from_target(
 
 
 def _open(capture: CaptureSettings, pattern: str) -> Footage:
-    from v3studio.studio.capture import CaptureSettings, open_footage
+    from v3studio.studio.capture import CaptureSettings
+    from v3studio.studio.footage import open_footage
 
     spec = CaptureSettings(
         root=capture.root,

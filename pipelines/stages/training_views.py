@@ -19,8 +19,8 @@ from v3studio.studio.errors import Message, StudioError
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from v3studio.studio.capture import Footage, FootageView
     from v3studio.studio.edits import CropBox
+    from v3studio.studio.footage import Footage, FootageView
     from v3studio.studio.training import TrainingView
 
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 
-from v3studio.studio.capture import CaptureSettings, find_cameras, held_out_cameras
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import find_cameras, held_out_cameras
 
 USES = ("training", "held out", "not used")  # what a camera can be used for
 

@@ -57,7 +57,7 @@ class Group:
 def cut_into_groups(frames: tuple[int, ...], size: int, motion: tuple[float, ...] | None = None) -> tuple[Group, ...]:
     """Split frames into as few groups as possible, as even as possible: of `size` frames at most, with a path of at
     most `MOST_MOTION` between the keyframe and either end, or of at most `FEWEST` frames. `motion`: of the performer
-    from each frame to the next, see `studio.capture.motion`; None: they do not move."""
+    from each frame to the next, see `studio.footage.motion`; None: they do not move."""
     path = np.cumsum([0.0, *(motion or (0.0,) * (len(frames) - 1))])
     counts, unevenness, before = np.zeros(len(frames) + 1), np.zeros(len(frames) + 1), [0] * (len(frames) + 1)
     for end in range(1, len(frames) + 1):

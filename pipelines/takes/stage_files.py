@@ -117,7 +117,7 @@ class FoundMotion(Result):
     key: str = ""  # digest of everything that the motion was found from
     frames: tuple[int, ...] = ()
     motion: tuple[float, ...] = ()
-    """From each frame to the next, in sizes of the performer: see `studio.capture.motion`."""
+    """From each frame to the next, in sizes of the performer: see `studio.footage.motion`."""
 
     cameras: tuple[str, ...] = ()
 

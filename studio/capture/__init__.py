@@ -1,4 +1,4 @@
-"""Footage of a capture: images, masks and cameras, by camera and frame."""
+"""The files of a capture: their settings and layouts, decoding, and the frames of each camera."""
 
 import lazy_loader
 

@@ -1,5 +1,6 @@
 """Settings of the footage: where its files are and how to read them."""
 
+import colorsys
 import re
 import sys
 from pathlib import Path
@@ -43,7 +44,15 @@ def import_path(source: object) -> str | None:
     return None
 
 
+LEAST_SATURATION = 0.3  # of a screen's color, 0 to 1
+
 EVERY = re.compile(r"every (\d+)")  # an entry of `held_out` that stands for several cameras
+
+
+def _is_saturated(color: Color) -> bool:
+    """Whether a color is saturated enough for a screen."""
+    _, saturation, value = colorsys.rgb_to_hsv(*color)
+    return saturation >= LEAST_SATURATION and value > 0.1
 
 
 class FileSettings(Settings):
@@ -213,13 +222,11 @@ class CaptureSettings(DifferenceSettings, FileSettings):
     @field_validator("key_color", mode="wrap")
     @classmethod
     def _color_or_auto(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-        from v3studio.studio.masks.screen_color import saturated
-
         try:
             color = check(value)
         except ValidationError:  # one message instead of one per alternative type
             raise Conflict("must be auto or three numbers from 0 to 1", "Example: [0.2, 0.6, 0.3].") from None
-        if color != "auto" and not saturated(color):
+        if color != "auto" and not _is_saturated(color):
             raise Conflict("gray and black cannot be keyed", "Use a saturated color such as [0.2, 0.6, 0.3], or auto.")
         return color
 

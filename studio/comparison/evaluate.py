@@ -9,7 +9,7 @@ from v3studio.studio.comparison.metrics import Distance, measure
 from v3studio.studio.comparison.view_pair import ViewPair, padded_box
 
 if TYPE_CHECKING:
-    from v3studio.studio.capture import Footage
+    from v3studio.studio.footage import Footage
     from v3studio.studio.gaussians import Gaussians
 
 

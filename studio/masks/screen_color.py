@@ -4,13 +4,13 @@ A screen is described by a direction in RGB space: with less light, a color move
 so wrinkled and shaded parts of the screen still match. Colors are compared by the tangent of their angle to it.
 """
 
-import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from v3studio.studio.capture.settings import LEAST_SATURATION
 from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.filters import reduced
 
@@ -18,7 +18,6 @@ _SIDE = 320  # longest side of the images in which the color is estimated
 _HUES = 72  # bins of 5 degrees
 _NEAR = 0.25  # tangent of the largest angle between a color and a given key color: 14 degrees
 _LEAST_SHARE = 0.12  # fraction of the image, border counted twice, that a screen must cover to be detected
-_LEAST_SATURATION = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray
 
     high, low = colors.max(axis=1), colors.min(axis=1)
     saturation = (high - low) / np.maximum(high, 1.0)
-    vivid = (saturation > _LEAST_SATURATION) & (high > 30)
+    vivid = (saturation > LEAST_SATURATION) & (high > 30)
     chosen = vivid
     share = 0.0
     if vivid.any():
@@ -121,12 +120,6 @@ def _screen_of(colors: np.ndarray) -> Screen:
             break
         colors = colors[near]
     return Screen(screen.color, spread)
-
-
-def saturated(color: Sequence[float]) -> bool:
-    """Whether a color (RGB in 0..1) is saturated enough for a screen."""
-    _, saturation, value = colorsys.rgb_to_hsv(*color)
-    return saturation >= _LEAST_SATURATION and value > 0.1
 
 
 def _text(color: np.ndarray) -> str:

@@ -10,7 +10,7 @@ from tests.support.errors import refuses
 from v3studio.pipelines.config import load_config, presets
 from v3studio.pipelines.config.presets import preset_of
 from v3studio.pipelines.new_take import CALIBRATE, NewTake, uses_words
-from v3studio.studio.capture import open_footage
+from v3studio.studio.footage import open_footage
 
 
 def test_the_camera_file_may_be_beside_the_footage(tmp_path: Path) -> None:

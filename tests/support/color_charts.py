@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from v3studio.studio.capture.color_chart import REFERENCE
+from v3studio.studio.footage.color_chart import REFERENCE
 
 WIDTH, HEIGHT = 640, 480
 _PATCH, _GAP = 50, 10

@@ -21,10 +21,10 @@ from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garb
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
-from v3studio.studio.capture import Footage, check_footage, open_footage
-from v3studio.studio.capture.checks import ColorDrift
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Cancelled, StudioError
+from v3studio.studio.footage import Footage, check_footage, open_footage
+from v3studio.studio.footage.checks import ColorDrift
 from v3studio.studio.masks.agreement.source import AgreedMaskSource
 from v3studio.studio.memory_cache import image_cache
 

@@ -17,8 +17,8 @@ from v3studio.studio.errors import Message
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from v3studio.studio.capture import Footage
     from v3studio.studio.edits.edit_list import Trim
+    from v3studio.studio.footage import Footage
     from v3studio.studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
 
 SHORT_SOUND = 0.05  # seconds of silence at an end of the sound that a warning reports

@@ -20,8 +20,8 @@ from v3studio.studio.calibration.report import RejectedMark, TiePointReport
 from v3studio.studio.calibration.result import CalibrationResult, reprojection_report
 from v3studio.studio.calibration.settings import CalibrateSettings
 from v3studio.studio.cameras import Camera, Rig
-from v3studio.studio.capture import refuse_unknown_cameras
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import refuse_unknown_cameras
 
 _GUESSES = (1.2, 0.9, 0.7, 1.6, 2.2)  # initial focal lengths of unknown lenses, as multiples of the longer image side
 _ROUGH = 60  # maximum number of function evaluations per attempt

@@ -14,8 +14,8 @@ from v3studio.studio.calibration.sfm.child import run_reporting
 from v3studio.studio.calibration.sfm.images import Pictures, write_pictures
 from v3studio.studio.calibration.sfm.job import SfmSolution, sfm_job
 from v3studio.studio.cameras import Camera, Rig
-from v3studio.studio.capture import refuse_unknown_cameras
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import refuse_unknown_cameras
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.progress import ProgressFn, no_progress
 from v3studio.studio.similarity import Similarity

@@ -12,8 +12,9 @@ import pytest
 from tests.support.sounds import clicks, write_wav
 from v3studio.pipelines.stages.camera_file import camera_file
 from v3studio.studio.cameras import Rig
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import open_footage
 from v3studio.studio.settings import affected
 
 MODELS = Path(__file__).parents[1] / "masks" / "data"

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from tests.studio.capture.test_patterns import touch
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
 from v3studio.studio.capture.inference import infer_layouts
 from v3studio.studio.capture.patterns import find_files
+from v3studio.studio.footage import open_footage
 
 CAMERAS = ("cam0", "cam1", "cam2", "cam10")
 WORDS = ("left", "right", "front", "top")

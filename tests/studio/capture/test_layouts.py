@@ -15,7 +15,8 @@ from tests.support.errors import refuses
 from v3studio.pipelines.stages.camera_file import camera_file
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.cameras import Camera, Rig
-from v3studio.studio.capture import CaptureSettings, match_rig, open_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import match_rig, open_footage
 
 WIDTH, HEIGHT = 96, 64
 # world to camera: turned about y and z, one meter to the side

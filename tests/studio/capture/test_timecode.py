@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.sync import check_sync
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.timecode import parse_timecode, read_timecode, timecode_offsets
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.sync import check_sync
 
 NTSC = Fraction(30000, 1001)
 GRAY = 70  # of the frame at which the latest camera starts; each later one is 8 brighter

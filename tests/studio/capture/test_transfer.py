@@ -12,9 +12,10 @@ import pytest
 from PIL import Image
 
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.images import image_header, read_image
 from v3studio.studio.capture.transfer import linear_from_logc3, linear_from_slog3, srgb_from_linear
+from v3studio.studio.footage import open_footage
 
 LIGHT = np.linspace(0, 1, 24 * 32 * 3).reshape(24, 32, 3)
 """Linear light."""

@@ -9,8 +9,9 @@ import torch
 from tests.support.splats import round_splats
 from tests.support.tiny_capture import write_capture
 from v3studio.studio.camera_files import read_rig
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.comparison import evaluate
+from v3studio.studio.footage import open_footage
 from v3studio.studio.masks import FunctionMaskSource
 
 FAR_AWAY = round_splats(torch.full((1, 3), 1e4))

@@ -10,8 +10,9 @@ import pytest
 from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
-from v3studio.studio.capture import CaptureSettings, Footage, open_footage
-from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import Footage, open_footage
+from v3studio.studio.footage.checks import check_footage
 from v3studio.studio.masks import chroma_key
 from v3studio.studio.masks.chroma_key import chroma_mask
 from v3studio.studio.masks.clean_plate import DifferenceSettings

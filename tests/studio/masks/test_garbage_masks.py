@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
 from v3studio.studio.masks import FunctionMaskSource
 
 

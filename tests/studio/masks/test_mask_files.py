@@ -12,8 +12,9 @@ from PIL import Image
 
 from tests.studio.capture.test_transfer import exr as write_exr
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.checks import check_footage
 from v3studio.studio.yaml_text import parse_yaml
 
 WIDTH, HEIGHT = 96, 64

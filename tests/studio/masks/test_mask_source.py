@@ -9,8 +9,9 @@ import numpy as np
 
 from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
 from v3studio.studio.camera_files import read_rig
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.checks import check_footage
 from v3studio.studio.masks.clean_plate import Background, difference_mask
 from v3studio.studio.masks.median_background import cached_background, estimate_background
 

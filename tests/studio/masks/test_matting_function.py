@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.checks import check_footage
 from v3studio.studio.masks import FunctionMaskSource
 from v3studio.studio.masks.matting_model import KINDS, Kind, MattingModel, largest_components, preprocess, providers
 

@@ -9,8 +9,9 @@ import pytest
 
 from tests.studio.masks.scenes import overlap
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.checks import check_footage
 from v3studio.studio.masks.plain_background import plain_color, plain_mask
 
 SIZE = 160

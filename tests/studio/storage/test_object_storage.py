@@ -10,10 +10,11 @@ import s3fs
 
 from tests.support.object_store import SECRET, Faults, ObjectStore
 from tests.support.tiny_capture import write_capture
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.digest import digest_files
 from v3studio.studio.capture.video import VideoReader
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import open_footage
 from v3studio.studio.storage import cached_object, mirrored, objects, store, whole_files
 from v3studio.studio.storage.store import without_secrets
 

@@ -6,7 +6,7 @@ import torch
 
 from tests.support.rigs import camera_at
 from tests.support.splats import round_splats
-from v3studio.studio.capture import FootageView
+from v3studio.studio.footage import FootageView
 from v3studio.studio.rasterizer import rasterize
 from v3studio.studio.training import Detail, TrainingView, TrainSettings
 from v3studio.studio.training.details import DetailBox, detail_boxes, detail_loss, detail_weights

@@ -10,8 +10,8 @@ import torch
 
 from tests.studio.training.test_group import SHIFT, ball, cameras, noisy_points
 from tests.support.splats import same_splats
-from v3studio.studio.capture import FootageView
 from v3studio.studio.chroma import ChromaSampling
+from v3studio.studio.footage import FootageView
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer import rasterize
 from v3studio.studio.settings import affected

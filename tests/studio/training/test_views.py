@@ -7,7 +7,7 @@ import torch
 from tests.support.errors import refuses
 from tests.support.splats import round_splats
 from v3studio.studio.cameras import Camera
-from v3studio.studio.capture import FootageView
+from v3studio.studio.footage import FootageView
 from v3studio.studio.training import TrainingView, TrainSettings
 from v3studio.studio.training.step import Stepper
 from v3studio.studio.training.views import mask_box, over_color

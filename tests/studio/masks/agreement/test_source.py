@@ -12,7 +12,8 @@ from tests.studio.masks.scenes import ball, overlap
 from tests.support.errors import refuses
 from tests.support.rigs import ring
 from v3studio.studio.cameras import Camera, Rig
-from v3studio.studio.capture import CaptureSettings, Footage, open_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import Footage, open_footage
 from v3studio.studio.masks.agreement import source, vote
 from v3studio.studio.masks.matting_model import MattingModel
 

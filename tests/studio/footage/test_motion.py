@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from v3studio.studio.capture.motion import motion
+from v3studio.studio.footage.motion import motion
 
 HEIGHT, WIDTH = 240, 320
 BLURRED = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8), (0, 0), 3)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from v3studio.studio.capture.footage import Footage
 from v3studio.studio.capture.patterns import number_ranges
 from v3studio.studio.counts import plural
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.footage.footage import Footage
 from v3studio.studio.masks.mask_source import FullMaskSource, MissingMaskSource
 from v3studio.studio.progress import ProgressFn, no_progress
 

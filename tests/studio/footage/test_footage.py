@@ -11,7 +11,8 @@ from scipy.ndimage import center_of_mass
 from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 from v3studio.studio.cameras import Camera, Rig
-from v3studio.studio.capture import CaptureSettings, Footage, find_cameras, open_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import Footage, find_cameras, open_footage
 
 
 def test_videos_are_found_and_read(three_videos: Path, make: SimpleNamespace) -> None:
@@ -170,7 +171,7 @@ def test_held_out_cameras(three_videos: Path) -> None:
 
 def test_many_threads_read_the_right_frames(three_videos, make, monkeypatch) -> None:
     """With fewer decoders than cameras: they open and close while threads read."""
-    monkeypatch.setattr(sys.modules["v3studio.studio.capture.open_footage"], "decoder_limit", lambda width, height: 2)
+    monkeypatch.setattr(sys.modules["v3studio.studio.footage.open_footage"], "decoder_limit", lambda width, height: 2)
     footage = open_footage(CaptureSettings(root=three_videos, masks="none"), most_cached=5 * 64 * 96 * 3)
 
     def read(seed: int) -> list[tuple[int, int]]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from v3studio.studio.capture.footage import Footage
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage.footage import Footage
 from v3studio.studio.progress import ProgressFn, no_progress
 
 REFERENCE = np.array(

@@ -5,7 +5,8 @@ import pytest
 
 from tests.support.errors import refuses
 from tests.support.sounds import click_times, clicks, write_video, write_wav
-from v3studio.studio.capture import CaptureSettings, open_footage
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
 
 FPS = 25
 

@@ -9,8 +9,9 @@ import pytest
 
 from tests.support.errors import refuses
 from tests.support.sounds import write_video
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.sync import check_sync, offsets_of, sound_signal
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.sync import check_sync, offsets_of, sound_signal
 
 FPS = 20
 LATE = {"a": 0, "b": 3, "c": -2, "d": 0}

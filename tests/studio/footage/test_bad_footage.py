@@ -9,10 +9,11 @@ import pytest
 from PIL import Image
 
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, open_footage
-from v3studio.studio.capture.checks import check_footage
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.images import read_image
 from v3studio.studio.errors import Cancelled
+from v3studio.studio.footage import open_footage
+from v3studio.studio.footage.checks import check_footage
 
 
 def test_checking_can_be_stopped(image_folders: Path) -> None:

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.capture.detect import chapters_of_one, detect_images, parts_pattern
-from v3studio.studio.capture.footage import Footage
 from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
-from v3studio.studio.capture.matching import refuse_missing, rig_of_footage
 from v3studio.studio.capture.patterns import Match, find_files, number_ranges
 from v3studio.studio.capture.settings import EVERY, CaptureSettings
-from v3studio.studio.capture.sound import find_sound
-from v3studio.studio.capture.warp import Warp, fit_size
 from v3studio.studio.counts import cameras_listed, counted, listed, plural
 from v3studio.studio.errors import Message, StudioError, shown
+from v3studio.studio.footage.footage import Footage
+from v3studio.studio.footage.matching import refuse_missing, rig_of_footage
+from v3studio.studio.footage.sound import find_sound
+from v3studio.studio.footage.warp import Warp, fit_size
 from v3studio.studio.masks.garbage_masks import garbage_masks
 from v3studio.studio.masks.mask_files import exact_masks
 from v3studio.studio.masks.mask_source import MaskInputs, masked_cameras

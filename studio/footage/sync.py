@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from v3studio.studio.capture.footage import Footage
 from v3studio.studio.capture.media import open_media, start_of, video_stream
 from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS
 from v3studio.studio.capture.timecode import read_timecode, timecode_offsets
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.footage.footage import Footage
 
 SOUND_RATE = 500  # sample rate of the compared loudness signals, in Hz
 _MIN_CORRELATION = 0.35  # correlation below which the offset between two cameras is unknown

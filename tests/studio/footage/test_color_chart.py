@@ -7,9 +7,10 @@ import pytest
 
 from tests.support.color_charts import HEIGHT, WIDTH, flat_chart, matrices, view_of_chart, write_charts
 from tests.support.errors import refuses
-from v3studio.studio.capture import CaptureSettings, Footage, open_footage
-from v3studio.studio.capture.color_chart import REFERENCE, find_chart, fit_chart_colors
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.color_fit import neutral
+from v3studio.studio.footage import Footage, open_footage
+from v3studio.studio.footage.color_chart import REFERENCE, find_chart, fit_chart_colors
 
 NEUTRAL = np.eye(3, 4)
 WALL = np.full((HEIGHT, WIDTH, 3), 140, np.uint8)

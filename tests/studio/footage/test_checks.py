@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from v3studio.studio.capture.checks import ColorDrift
+from v3studio.studio.footage.checks import ColorDrift
 
 FRAMES = range(10, 22)
 

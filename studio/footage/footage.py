@@ -12,10 +12,10 @@ from v3studio.studio.cameras import Camera, FootageView, Rig
 from v3studio.studio.capture.digest import digest_files
 from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource
 from v3studio.studio.capture.settings import CaptureSettings
-from v3studio.studio.capture.sound import CaptureSound
-from v3studio.studio.capture.warp import Warp
 from v3studio.studio.chroma import ChromaSampling
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.footage.sound import CaptureSound
+from v3studio.studio.footage.warp import Warp
 from v3studio.studio.masks.mask_files import FileMaskSource
 from v3studio.studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet, masked_cameras
 from v3studio.studio.memory_cache import ImageCache, image_cache

@@ -1,0 +1,5 @@
+"""Footage of a capture: images, masks and cameras, by camera and frame."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # imported on first use; see __init__.pyi

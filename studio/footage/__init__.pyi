@@ -1,0 +1,10 @@
+from .checks import check_footage as check_footage
+from .footage import Footage as Footage
+from .footage import FootageView as FootageView
+from .matching import match_rig as match_rig
+from .matching import rig_of_footage as rig_of_footage
+from .open_footage import find_cameras as find_cameras
+from .open_footage import held_out_cameras as held_out_cameras
+from .open_footage import open_footage as open_footage
+from .open_footage import refuse_unknown_cameras as refuse_unknown_cameras
+from .open_footage import suggested_held_out as suggested_held_out
