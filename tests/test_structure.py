@@ -156,8 +156,19 @@ GUI = (
 """Of `gui`, top down: each may import the ones after it, and nothing before it."""
 
 
+STUDIO = (
+    "playback", "comparison", "perceptual", "formats", "edits", "training", "meshing", "stream", "rasterizer",
+    "splat_video", "calibration", "camera_files", "footage", "masks", "audio", "capture", "storage", "gaussians",
+    "coverage", "own_frame", "similarity", "cameras", "rotations", "torch_rotations", "metrics", "color_fit", "chroma",
+    "dilation", "settings", "yaml_text", "bounded_files", "atomic_files", "memory", "memory_cache", "process",
+    "progress", "validation", "counts", "errors", "json_types",
+)  # fmt: skip
+"""Of `studio`, top down: each may import the ones after it, and nothing before it."""
+
+
 @pytest.mark.parametrize(
-    ("root", "order"), [("", INSTALLED), ("v3studio.pipelines.", PIPELINES), ("v3studio.gui.", GUI)]
+    ("root", "order"),
+    [("", INSTALLED), ("v3studio.pipelines.", PIPELINES), ("v3studio.gui.", GUI), ("v3studio.studio.", STUDIO)],
 )
 def test_packages_import_downwards(root: str, order: tuple[str, ...]) -> None:
     def level(module: str) -> int:
@@ -175,6 +186,13 @@ def test_packages_import_downwards(root: str, order: tuple[str, ...]) -> None:
                 wrong.append(f"{module} imports {target}")
     assert seen == set(order)
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_table_of_studios_packages_has_their_order() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.partition("### studio: the library")[2].partition("\n### ")[0]
+    first_cells = re.findall(r"^\| (`.+?) \|", table, re.M)
+    assert tuple(name for cell in first_cells for name in re.findall(r"`(\w+)(?:/|\.py)`", cell)) == STUDIO
 
 
 @pytest.mark.parametrize(
