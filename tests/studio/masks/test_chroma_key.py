@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from tests.studio.masks.scenes import USUAL, disc, edge_error, filmed, over, overlap
 from tests.support.errors import refuses
@@ -14,7 +15,7 @@ from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.footage import Footage, open_footage
 from v3studio.studio.footage.checks import check_footage
 from v3studio.studio.masks import chroma_key
-from v3studio.studio.masks.chroma_key import chroma_mask
+from v3studio.studio.masks.chroma_key import chroma_mask, screen_behind
 from v3studio.studio.masks.clean_plate import DifferenceSettings
 from v3studio.studio.masks.despill import despill
 from v3studio.studio.masks.screen_color import find_screen
@@ -158,6 +159,26 @@ def test_garbage_masks_per_frame(tmp_path: Path, make: SimpleNamespace) -> None:
     footage = keyed(tmp_path, garbage_masks="garbage/{camera}/{frame}.png")
     assert footage.mask("a", 1).max() == 0
     assert np.array_equal(footage.mask("a", 2), footage.mask("b", 1))  # b has none: its whole image is used
+
+
+def test_the_screen_behind_the_performer_is_the_mean_of_what_is_near() -> None:
+    """As Gaussian means at full size, of which wider ones count where the screen is far. Pixels that the performer's
+    edge may reach, up to 3 pixels from the mask, count for nothing."""
+    rows, columns = np.mgrid[0:160, 0:240]
+    light = 120 + columns / 4 + 30 * np.sin(rows / 25)
+    image = np.rint(light[..., None] * np.array([0.4, 1.0, 0.5]))
+    distance = cv2.distanceTransform((DISC <= 0.5).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    plain = distance > 3
+    image[~plain] = SKIN
+    wanted = np.median(image[plain], axis=0)[None, None]
+    for sigma in (96, 24, 6):
+        share, *sums = (
+            gaussian_filter(part, sigma, mode="mirror") for part in (1.0 * plain, *(plain * image.T.swapaxes(1, 2)))
+        )
+        trust = (share / (share + 0.02))[..., None]
+        wanted = trust * np.stack(sums, -1) / np.maximum(share, 1e-6)[..., None] + (1 - trust) * wanted
+    behind = screen_behind(image.astype(np.uint8), (DISC > 0.5).astype(np.uint8))
+    assert np.abs(behind - wanted).max() < 1.5
 
 
 def test_despill_restores_the_performers_color_at_the_outline_only() -> None:

@@ -32,6 +32,9 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
         assert best.bytes > middle.bytes > phone.bytes
         assert (best.splats, phone.splats, best.sh_degree, phone.sh_degree) == (120, 60, 1, 0)
         assert reader.played_bytes < reader.manifest.total_bytes
+        means = torch.cat([frame.means for frame in turned_bodies(7, 120)])
+        box = reader.manifest.bounding_box
+        assert torch.equal(torch.tensor([box.min, box.max]), torch.stack([means.amin(0), means.amax(0)]))
         assert not check_stream(reader).damage
     frames = {}
     for one in ("qp24", "qp34", "qp34-splats50-sh0"):

@@ -20,9 +20,11 @@ SPLATS = 1001  # not a multiple of the kernel's blocks
 
 
 def with_odd_colors(frames: list[Gaussians]) -> list[Gaussians]:
-    """Colors so far from the others that they become escapes, in the first and the last of the kernel's blocks."""
+    """Colors so far from the others that they become escapes, in the first and the last of the kernel's blocks; and
+    grays at both ends of the codes of a video."""
     odd = [replace(frame, sh=frame.sh.clamp(-0.8, 0.8)) for frame in frames]
     for frame in odd:
+        frame.sh[20:60, 0] = torch.tensor([1.0, -1.0]).repeat(20)[:, None]
         frame.sh[3, 0] = torch.tensor([60.0, 40.0, -50.0])
         frame.sh[SPLATS - 2, 0] = torch.tensor([-30.0, 20.0, 70.0])
         frame.logit_opacities[5:9] = torch.tensor([-40.0, 40.0, 12.0, -12.0])  # beyond the margin on either side
@@ -38,7 +40,9 @@ def test_kernel_and_definition_agree(tmp_path: Path, degree: int) -> None:
         group = reader.groups[0]
         files = reader.fetch(group)
         assert isinstance(group, MotionRendition)
-        assert len(Side.parse(files[group.side.path], group).escapes.splat) > 0, "the test needs escapes"
+        escapes = Side.parse(files[group.side.path], group).escapes.code
+        assert len(escapes) > 0, "the test needs escapes"
+        assert ((escapes < 0) | (escapes > 255)).all(), "the video has all others"
         decoder, tables = reader.open_group(group, files), GroupTables(group, files[group.side.path])
         for index in range(4):
             frame = decoder.read()
