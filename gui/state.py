@@ -31,7 +31,7 @@ def state_of(window: Shell) -> JsonObject:
         "stage": views.stage,
         "mode": sorted(views.chosen()),  # the pressed buttons above the view
         "edits": describe(views.editor.edits),
-        "selected": views.editor.counts.get("selected", 0) if views.edits_take else 0,  # splats
+        "selected": views.editor.measured.selected if views.edits_take else 0,  # splats
         "fullscreen": window.layout.fullscreen,
         "figures": window.layout.shows_figures,
         "stages": {row.key: [row.state, row.words, row.detail] for row in window.workspace.rows()},

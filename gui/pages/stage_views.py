@@ -17,6 +17,7 @@ from v3studio.gui.pages.capture.view import GARBAGE, MASKS, CaptureView
 from v3studio.gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
 from v3studio.gui.pages.initialize import InitializeView
 from v3studio.gui.pages.newest_image import NewestImage
+from v3studio.gui.pages.review.editor import Editor
 from v3studio.gui.pages.review.tools import EDIT_CHOICES
 from v3studio.gui.pages.review.view import EditView
 from v3studio.gui.pages.stage_view import StageView, shown_at
@@ -53,7 +54,8 @@ class StageViews:
         self.points = PointsView(workspace)
         views = (self.points, CameraColorsView(workspace))
         self._by_mode: dict[str, StageView] = {mode: view for view in views for mode in view.modes}
-        self.editor = EditView(workspace, player)
+        self.editor = Editor(workspace, player)
+        self.edit_view = EditView(self.editor)
         self.editing = False  # whether Review shows the edits
         self._edits = EditList()  # before the changes since they are on screen
         self.stage = "review"
@@ -192,7 +194,7 @@ class StageViews:
 
     @property
     def _all(self) -> tuple[StageView, ...]:
-        return (*self.stage_views.values(), *self._by_mode.values(), self.editor)
+        return (*self.stage_views.values(), *self._by_mode.values(), self.edit_view)
 
     @property
     def shows_player(self) -> bool:
@@ -204,7 +206,7 @@ class StageViews:
         if self.shows_player:
             return None
         if self.edits_take:
-            return self.editor
+            return self.edit_view
         chosen = self.stage_views[self.stage]
         return self._by_mode.get(chosen.mode, chosen)
 

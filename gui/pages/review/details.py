@@ -4,41 +4,23 @@ import numpy as np
 
 from v3studio.gui.drawing.palette import RGB
 from v3studio.gui.models.scene.contents import Lines
-from v3studio.gui.models.scene.handles import Handle, picked
 from v3studio.pipelines.takes.edited import followed
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.cameras import Camera
-from v3studio.studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
+from v3studio.studio.edits.edit_list import DETAIL_WEIGHT, DetailMark
 
 SIZE = 0.1  # radius of a new ball, relative to the performer's largest extent: a little more than a head's
 _DEEP = 0.6  # how far behind the clicked point the middle of a ball is, in radii
 _CIRCLE = 48  # lines of a circle
 
 
-def marked(take: Take, frame: int, view: Camera, means: np.ndarray, x: float, y: float) -> DetailMark | None:
-    """A ball around the part of the performer at a pixel, or None. Raises StudioError, see `followed`."""
-    point = picked(view, means, x, y)
-    if point is None:
-        return None
+def marked(take: Take, frame: int, means: np.ndarray, point: np.ndarray, eye: np.ndarray) -> DetailMark:
+    """A ball around the part of the performer, whose splats are at means (N, 3), at a point that was clicked from an
+    eye, both (3,) world. Raises StudioError, see `followed`."""
     # without the few farthest: a stray splat would make the performer large
     extent = float(np.ptp(np.quantile(means, (0.005, 0.995), axis=0), axis=0).max())
     radius = max(SIZE * extent, 1e-6)
-    inward = (point - view.center) / max(float(np.linalg.norm(point - view.center)), 1e-12)
+    inward = (point - eye) / max(float(np.linalg.norm(point - eye)), 1e-12)
     return followed(take, frame, point + _DEEP * radius * inward, radius, DETAIL_WEIGHT)
-
-
-def detail_handles(edits: EditList, frame: int, up: np.ndarray) -> list[Handle]:
-    """The top of each ball."""
-    return [Handle(f"detail {number}", one.at(frame) + one.radius * up, up) for number, one in enumerate(edits.details)]
-
-
-def resized(edits: EditList, handle: Handle, distance: float) -> EditList:
-    """The edits with the radius of a handle's ball changed by a distance."""
-    number = int(handle.name.split()[1])
-    mark = edits.details[number]
-    radius = max(mark.radius + distance, 0.1 * mark.radius)
-    new = mark.model_copy(update={"radius": radius})
-    return edits.with_(details=(*edits.details[:number], new, *edits.details[number + 1 :]))
 
 
 def detail_lines(mark: DetailMark, frame: int, eye: np.ndarray, color: RGB) -> Lines:

@@ -1,5 +1,7 @@
 """The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
 
+from dataclasses import dataclass
+
 from v3studio.gui.pages.choices import Choice
 from v3studio.studio.counts import counted
 from v3studio.studio.edits.edit_list import Floaters
@@ -30,6 +32,7 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("removed", "Removed", "Draw what is removed in red"),
 )
 TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale", "detail")
+PICKS = ("origin", "up", "scale", "detail")  # tools that are used by clicking on the performer
 BRUSH = 0.03  # radius of the brush at first, relative to the height of the image
 LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5  # limits of it
 BRUSH_STEP = 1.25  # what a key press multiplies or divides it by
@@ -47,6 +50,14 @@ HINTS = {
     "scale": "Click two points whose distance you know.",
     "detail": "Click a face or a hand that training should give more splats. Drag a dot to change the size.",
 }
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What is being drawn, in pixels of the image. `points`: (x, y). `radius`: of the brush; None: a lasso."""
+
+    points: tuple[tuple[float, float], ...]
+    radius: float | None
 
 
 def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:

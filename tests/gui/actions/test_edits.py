@@ -16,6 +16,7 @@ from v3studio.gui.models.playback.transport import Transport
 from v3studio.gui.models.playback.viewpoint import Viewpoint
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.review.editor import Editor
 from v3studio.gui.pages.review.view import EditView
 from v3studio.pipelines.takes.edits import read_edits
 from v3studio.pipelines.takes.take import Take
@@ -39,12 +40,12 @@ def stand_in(workspace: Workspace, take_copy: Path) -> Any:
     workspace.open(Take.open(take_copy))
     viewpoint, rig = Viewpoint(), read_rig(take_copy / "calibrate" / "rig.json")
     viewpoint.orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    editor = EditView(workspace, viewpoint)
-    views = SimpleNamespace(editor=editor, edits_take=True, edit_dialog=Signal())
-    view = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
+    view = EditView(Editor(workspace, viewpoint))
+    views = SimpleNamespace(editor=view.editor, edit_view=view, edits_take=True, edit_dialog=Signal())
+    picture = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
     window: Any = SimpleNamespace(
         workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
-        viewport=SimpleNamespace(picture=view), input=SimpleNamespace(pointer=None),
+        viewport=SimpleNamespace(picture=picture), input=SimpleNamespace(pointer=None),
         notices=Notices(), player=SimpleNamespace(refresh=lambda: None, transport=Transport(5, 25.0)),
         over_view=lambda x, y: False, changed=lambda: None,
     )  # fmt: skip
@@ -62,15 +63,16 @@ def splats(take: Path) -> list[int]:
 def test_what_is_selected_is_removed_from_the_chosen_frames(
     stand_in: Any, take_copy: Path, choice: int, frames: tuple[int, int] | None
 ) -> None:
-    editor, dialogs, there = stand_in.views.editor, stand_in.dialogs, splats(take_copy)
-    newest(lambda: editor.poll((320, 240)), lambda: editor.settled)
+    editor, view = stand_in.views.editor, stand_in.views.edit_view
+    dialogs, there = stand_in.dialogs, splats(take_copy)
+    newest(lambda: view.poll((320, 240)), lambda: view.settled)
     stand_in.player.transport.select_span(1, 3)
     editor.press("brush")
-    assert editor.grabs(150, 120)
-    editor.pull(170, 120)
-    editor.release()
-    newest(lambda: editor.poll((320, 240)), lambda: editor.settled)
-    selected = editor.counts["selected"]
+    assert view.grabs(150, 120)
+    view.pull(170, 120)
+    view.release()
+    newest(lambda: view.poll((320, 240)), lambda: view.settled)
+    selected = editor.measured.selected
     editor.press("remove")
     LOOP.run()
     told = list(dialogs.lines)

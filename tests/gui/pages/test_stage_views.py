@@ -115,7 +115,7 @@ def test_the_edits_show_all_trained_frames(views: StageViews, take_copy: Path) -
     assert note() == "Not evaluated yet."
     player.look_through("cam2")  # from where to look first
     before = player.orbit
-    views.editor.drag(9, 0, False, SIZE[1])
+    views.edit_view.drag(9, 0, False, SIZE[1])
     assert player.camera == ""
     assert player.orbit.key != before.key
     views.leave_edits()
