@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.support.two_nodes import SETTINGS, two_nodes
-from v3studio.pipelines.events import GroupState, Warned
+from v3studio.pipelines.events import GroupStarted, Warned
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -41,9 +41,8 @@ def run(take: Path, settings: list[str]) -> None:
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, **SETTINGS})
         assert process.stdout is not None
         for event in cluster.events_while_second_is_killed(process.stdout):
-            if isinstance(event, GroupState):
-                frames = f" {event.frames_done}/{event.frames}" if event.state == "running" else ""
-                print(f"{event.stage}: group {event.group} {event.state} {event.node}{frames}", flush=True)
+            if isinstance(event, GroupStarted):
+                print(f"{event.stage}: group {event.group} started on {event.node}", flush=True)
             elif isinstance(event, Warned):
                 print(f"warning: {event.message}", flush=True)
                 lost |= event.code == "cluster.worker_lost"

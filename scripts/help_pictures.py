@@ -25,7 +25,7 @@ from v3studio.gui.pages.initialize import InitializeView
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.stages.compared_view import performer_over
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.stream import StreamReader
 

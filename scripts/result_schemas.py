@@ -8,8 +8,8 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from v3studio.pipelines.ablation.study import AblationResults
-from v3studio.pipelines.takes.evaluation import Evaluation
-from v3studio.pipelines.takes.records import StageRecord
+from v3studio.pipelines.takes.results.evaluation import Evaluation
+from v3studio.pipelines.takes.results.records import StageRecord
 from v3studio.studio.calibration.report import CalibrationReport
 from v3studio.studio.json_types import JsonObject
 

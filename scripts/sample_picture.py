@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.stages.compared_view import compared_cameras, compared_view
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.stream import StreamReader
 
