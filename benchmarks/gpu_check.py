@@ -52,9 +52,9 @@ from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.reports.terminal import table_of
 from v3studio.pipelines.runs.runner import run
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.results.stage_files import TrainedGroup
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison import evaluate
 from v3studio.studio.errors import Cancelled

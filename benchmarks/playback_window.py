@@ -27,7 +27,7 @@ def bake(take: Path, splats: int, folder: Path) -> None:
     """Bake the take's first groups, with duplicated splats, to a stream of 30 frames per second."""
     from rate_distortion import enlarged
 
-    from v3studio.pipelines.takes.frame_files import read_frame
+    from v3studio.pipelines.takes.frames.frame_files import read_frame
     from v3studio.pipelines.takes.take import Take
     from v3studio.studio.stream import BakeSettings, GroupEntry, bake_group, write_manifest
 

@@ -39,7 +39,7 @@ from v3studio.pipelines.ablation.study import METHOD, monotonic
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.atomic_files import write_json
 from v3studio.studio.errors import StudioError

@@ -24,7 +24,7 @@ from rich.console import Console
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.reports.terminal import table_of
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer import rasterize, set_kernel_threads

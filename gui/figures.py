@@ -4,7 +4,7 @@ from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.playback.timeline_plots import PLOTTED, plots_of
 from v3studio.gui.models.take.workspace import modified
 from v3studio.gui.shell import Shell
-from v3studio.pipelines.takes.evaluation import measured_earlier_bake
+from v3studio.pipelines.takes.results.evaluation import measured_earlier_bake
 
 
 class QualityFigures:

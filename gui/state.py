@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from v3studio.gui.shell import Shell
-from v3studio.pipelines.takes.edits import describe
+from v3studio.pipelines.takes.authored.edits import describe
 from v3studio.studio.json_types import JsonObject
 
 if TYPE_CHECKING:

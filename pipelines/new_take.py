@@ -10,10 +10,11 @@ from typing import Any
 from v3studio.pipelines.config import Config, dump_config, load_config
 from v3studio.pipelines.config.presets import PRESETS, preset_here, with_values
 from v3studio.pipelines.inspection import Inspection, inspect
-from v3studio.pipelines.takes.atomic_files import disk_errors, write_text
-from v3studio.pipelines.takes.camera_uses import USES, camera_uses, settings_of_uses
-from v3studio.pipelines.takes.drawn_masks import for_another_take
+from v3studio.pipelines.takes.authored.drawn_masks import for_another_take
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.results.camera_uses import USES, camera_uses, settings_of_uses
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 from v3studio.studio.progress import ProgressFn

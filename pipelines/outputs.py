@@ -26,7 +26,7 @@ def check_output(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> No
 def replacing(out: Path, overwrite: bool, ours: Callable[[Path], bool]) -> Iterator[None]:
     """The block writes `out`, which does not exist then; arguments as for `check_output`. What was there is restored if
     it fails, and, if the process is killed, by the next call."""
-    from v3studio.pipelines.takes.atomic_files import disk_errors
+    from v3studio.pipelines.takes.files.disk_errors import disk_errors
     from v3studio.studio.atomic_files import remove, restore_old, temporary_path
 
     out = out.absolute()

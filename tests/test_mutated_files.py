@@ -18,8 +18,8 @@ from tests.support.splats import converted_splats
 from tests.support.streams import bake_numbered
 from tests.support.tiny_capture import ROOT, SETTINGS
 from v3studio.pipelines.config.loading import load_config, parse_override
-from v3studio.pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
-from v3studio.pipelines.takes.marks import read_marks
+from v3studio.pipelines.takes.authored.marks import read_marks
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_frame, write_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.audio import SoundFile
 from v3studio.studio.calibration.manual.file import read_tie_points

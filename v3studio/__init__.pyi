@@ -15,8 +15,8 @@ from v3studio.pipelines.share.serving import serve as serve
 from v3studio.pipelines.share.sharing import Shared as Shared
 from v3studio.pipelines.share.sharing import publish as publish
 from v3studio.pipelines.share.sharing import share as share
+from v3studio.pipelines.takes.results.videos import trained_video as trained_video
 from v3studio.pipelines.takes.take import Take as Take
-from v3studio.pipelines.takes.videos import trained_video as trained_video
 from v3studio.studio.calibration import CalibrationResult as CalibrationResult
 from v3studio.studio.calibration import CalibrationTarget as CalibrationTarget
 from v3studio.studio.calibration import TiePoint as TiePoint

@@ -10,8 +10,8 @@ from v3studio.gui.widgets.dialogs.base import Answer, filled, in_lines
 from v3studio.gui.widgets.dialogs.folder import ask_path
 from v3studio.gui.widgets.picture import color
 from v3studio.pipelines.events import as_message
-from v3studio.pipelines.takes.atomic_files import disk_errors
-from v3studio.pipelines.takes.kept_bakes import KeptBake, keep_bake, kept_bakes
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.results.kept_bakes import KeptBake, keep_bake, kept_bakes
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.counts import size_words
 

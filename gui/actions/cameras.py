@@ -14,8 +14,8 @@ from v3studio.gui.shell import Shell
 from v3studio.gui.widgets.camera_menu import Item
 from v3studio.gui.widgets.dialogs.camera import ask_cameras
 from v3studio.gui.widgets.dialogs.worst import WorstDialog
-from v3studio.pipelines.takes.camera_uses import camera_uses, settings_of_uses
-from v3studio.pipelines.takes.stage_files import checked_cameras
+from v3studio.pipelines.takes.results.camera_uses import camera_uses, settings_of_uses
+from v3studio.pipelines.takes.results.stage_files import checked_cameras
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CalibrationReport
 from v3studio.studio.comparison.metrics import MAIN

@@ -13,8 +13,8 @@ from v3studio.gui.pages.review.numbers import TITLES, fields_of, with_numbers
 from v3studio.gui.shell import Shell
 from v3studio.gui.widgets.dialogs.form import ask_numbers
 from v3studio.gui.widgets.picture import holds
-from v3studio.pipelines.takes.edited import newly_removed
-from v3studio.pipelines.takes.edits import describe, singular
+from v3studio.pipelines.takes.authored.edits import describe, singular
+from v3studio.pipelines.takes.frames.edited import newly_removed
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.counts import counted
 from v3studio.studio.edits.edit_list import EditList

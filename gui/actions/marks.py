@@ -10,7 +10,7 @@ from v3studio.gui.models.playback.image_zoom import ImageZoom
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.shell import Shell
-from v3studio.pipelines.takes.marks import Mark, MarkView
+from v3studio.pipelines.takes.authored.marks import Mark, MarkView
 from v3studio.studio.errors import StudioError
 
 NO_MARKS = "No frame is marked. Press M to mark the frame on screen."

@@ -10,7 +10,7 @@ from v3studio.gui.models.camera_path import PathEditor
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.shell import Shell
 from v3studio.gui.widgets.dialogs.folder import ask_path
-from v3studio.pipelines.takes.camera_paths import PATH_SUFFIXES, keys_in_take
+from v3studio.pipelines.takes.authored.camera_paths import PATH_SUFFIXES, keys_in_take
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats.camera_path import CameraPath
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from v3studio.gui.models.history import Change, History
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats.camera_path import EASINGS, CameraPath, Key, read_path_keys, write_path_keys

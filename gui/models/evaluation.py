@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from v3studio.pipelines.takes.evaluation import FrameQuality, Quality, read_evaluation
+from v3studio.pipelines.takes.results.evaluation import FrameQuality, Quality, read_evaluation
 from v3studio.studio.comparison.metrics import MAIN
 from v3studio.studio.errors import StudioError
 

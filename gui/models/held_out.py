@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from functools import lru_cache
 
 from v3studio.gui.models.stages import Inputs
-from v3studio.pipelines.takes.camera_uses import camera_uses
+from v3studio.pipelines.takes.results.camera_uses import camera_uses
 from v3studio.studio.errors import StudioError
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from v3studio.pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
+from v3studio.pipelines.takes.authored.marks import Mark, MarkView, change_mark, read_marks
 from v3studio.studio.errors import StudioError
 
 

@@ -8,7 +8,7 @@ import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from v3studio.pipelines.takes.atomic_files import write_text
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.bounded_files import parse_json
 
 RECENT = 10  # most opened takes that are kept

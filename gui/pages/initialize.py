@@ -13,9 +13,9 @@ from v3studio.gui.models.scene.render import draw_contents
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.stage_view import OrbitView, Size
 from v3studio.gui.widgets.raycast import RaycastMesh
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.point_files import read_points
-from v3studio.pipelines.takes.stage_files import InitialPointsReport
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.results.point_files import read_points
+from v3studio.pipelines.takes.results.stage_files import InitialPointsReport
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.counts import counted

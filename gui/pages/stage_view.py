@@ -13,7 +13,7 @@ from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import LatestWorker
-from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.studio.errors import StudioError
 
 PICK_MARGIN = 3.0  # pixels by which a click may miss a camera: frustums far away are small

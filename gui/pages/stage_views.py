@@ -22,7 +22,7 @@ from v3studio.gui.pages.review.tools import EDIT_CHOICES
 from v3studio.gui.pages.review.view import EditView
 from v3studio.gui.pages.stage_view import StageView, shown_at
 from v3studio.gui.pages.train import TrainView
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.studio.edits.edit_list import EditList
 
 EDIT_KEYS = frozenset(key for key, _, _ in EDIT_CHOICES if key)

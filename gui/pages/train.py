@@ -16,8 +16,8 @@ from v3studio.gui.models.stages import performer_over
 from v3studio.gui.models.take.run_state import Curve
 from v3studio.gui.pages.stage_view import Size, StageView, sentence
 from v3studio.pipelines.runs.staleness import MISSING
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
+from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers, frames_so_far
 from v3studio.studio.errors import StudioError
 
 CURVES = (

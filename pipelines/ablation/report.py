@@ -5,7 +5,7 @@ from pathlib import Path
 
 from v3studio.pipelines.ablation.study import AblationResults
 from v3studio.pipelines.reports.plots import figure_with_axes
-from v3studio.pipelines.takes.atomic_files import write_bytes
+from v3studio.studio.atomic_files import write_bytes
 
 
 def table_rows(results: AblationResults, qp: int) -> list[list[str]]:

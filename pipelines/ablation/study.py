@@ -11,10 +11,11 @@ from v3studio.pipelines.config.loading import dump_config
 from v3studio.pipelines.events import Emit
 from v3studio.pipelines.runs.runner import run
 from v3studio.pipelines.stages import STAGE_NAMES
-from v3studio.pipelines.takes.atomic_files import Result, digest_of, read_model, write_model
-from v3studio.pipelines.takes.drawn_masks import for_another_take
-from v3studio.pipelines.takes.evaluation import Protocol, read_evaluation
-from v3studio.pipelines.takes.frame_numbers import trained_groups
+from v3studio.pipelines.takes.authored.drawn_masks import for_another_take
+from v3studio.pipelines.takes.files.digests import digest_of
+from v3studio.pipelines.takes.files.json_files import Result, read_model, write_model
+from v3studio.pipelines.takes.frames.frame_numbers import trained_groups
+from v3studio.pipelines.takes.results.evaluation import Protocol, read_evaluation
 from v3studio.pipelines.takes.take import Take
 
 METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}

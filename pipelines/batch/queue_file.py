@@ -14,7 +14,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from v3studio.pipelines.takes.atomic_files import Result, disk_errors, held, holder_of, read_model, write_model
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.files.json_files import Result, read_model, write_model
+from v3studio.pipelines.takes.files.locks import held, holder_of
 from v3studio.studio.errors import StudioError
 from v3studio.studio.storage.address import is_address
 

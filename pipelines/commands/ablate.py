@@ -51,7 +51,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.events import Emit, Event, Finished, Log
     from v3studio.pipelines.reports.terminal import console, table_of
     from v3studio.pipelines.runs.console import Bars
-    from v3studio.pipelines.takes.atomic_files import disk_errors
+    from v3studio.pipelines.takes.files.disk_errors import disk_errors
 
     variants = chosen([name for name in arguments.variants.split(",") if name])
     default = load_config(arguments.config, arguments.overrides).bake.qp

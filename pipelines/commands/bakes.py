@@ -41,7 +41,7 @@ def _command(
 
 def _list(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.reports.terminal import console, escaped, table_of
-    from v3studio.pipelines.takes.kept_bakes import kept_bakes
+    from v3studio.pipelines.takes.results.kept_bakes import kept_bakes
     from v3studio.pipelines.takes.take import Take
 
     found = kept_bakes(Take.open(arguments.take))
@@ -70,7 +70,7 @@ def _list(arguments: argparse.Namespace) -> None:
 
 
 def _keep(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.takes.kept_bakes import keep_bake
+    from v3studio.pipelines.takes.results.kept_bakes import keep_bake
 
     def keep(take: Take) -> None:
         arguments.result = {"path": str(keep_bake(take, arguments.name).take.root.absolute())}
@@ -79,13 +79,13 @@ def _keep(arguments: argparse.Namespace) -> None:
 
 
 def _choose(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.takes.kept_bakes import choose_bake
+    from v3studio.pipelines.takes.results.kept_bakes import choose_bake
 
     _change(arguments, "choose", lambda take: choose_bake(take, arguments.name))
 
 
 def _remove(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.takes.kept_bakes import kept_bake, remove_bake
+    from v3studio.pipelines.takes.results.kept_bakes import kept_bake, remove_bake
 
     def remove(take: Take) -> None:
         for name in arguments.name:
@@ -97,8 +97,8 @@ def _remove(arguments: argparse.Namespace) -> None:
 
 
 def _change(arguments: argparse.Namespace, name: str, change: Callable[[Take], object]) -> None:
-    from v3studio.pipelines.takes.atomic_files import disk_errors
-    from v3studio.pipelines.takes.kept_bakes import kept_bakes
+    from v3studio.pipelines.takes.files.disk_errors import disk_errors
+    from v3studio.pipelines.takes.results.kept_bakes import kept_bakes
     from v3studio.pipelines.takes.take import Take
 
     take = Take.open(arguments.take)

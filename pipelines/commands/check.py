@@ -79,7 +79,7 @@ def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
 
 def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
     from v3studio.pipelines.stages import STAGE_NAMES
-    from v3studio.pipelines.takes.integrity import check_take
+    from v3studio.pipelines.takes.results.integrity import check_take
 
     report: ProgressFn
     # what is deleted must not have been made again since it was checked
@@ -125,7 +125,7 @@ def _assumed(take: Take) -> list[str]:
     """How the take's footage and camera file are read, one sentence each."""
     from v3studio.pipelines.config import load_config
     from v3studio.pipelines.stages.inputs import Inputs
-    from v3studio.pipelines.takes.stage_files import CamerasFromFile, read_cameras_report
+    from v3studio.pipelines.takes.results.stage_files import CamerasFromFile, read_cameras_report
 
     lines: list[str] = []
     try:
@@ -141,7 +141,7 @@ def _assumed(take: Take) -> list[str]:
 
 
 def _check_stream(arguments: argparse.Namespace) -> int:
-    from v3studio.pipelines.takes.videos import stream_place
+    from v3studio.pipelines.takes.results.videos import stream_place
     from v3studio.studio.stream import StreamReader, check_stream
 
     if arguments.remove:

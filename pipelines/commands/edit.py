@@ -110,7 +110,7 @@ def _kind(
     """Add a command that gets the edits before it and returns what it says to people; its result is those after it."""
 
     def run(arguments: argparse.Namespace) -> None:
-        from v3studio.pipelines.takes.edits import read_edits
+        from v3studio.pipelines.takes.authored.edits import read_edits
         from v3studio.pipelines.takes.take import Take
 
         take = Take.open(arguments.take)
@@ -137,7 +137,7 @@ def _coordinate(text: str) -> float:
 
 
 def _list(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from v3studio.pipelines.takes.edits import describe, frame_of, read_edits_file
+    from v3studio.pipelines.takes.authored.edits import describe, frame_of, read_edits_file
 
     found = read_edits_file(take.edits)
     lines = [f"{name:<12}{words}" for name, words in describe(found.edits, frame_of(take)).items()]
@@ -149,8 +149,8 @@ def _list(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _count(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from v3studio.pipelines.takes.edited import EditedGroup
-    from v3studio.pipelines.takes.frame_numbers import trained_groups
+    from v3studio.pipelines.takes.frames.edited import EditedGroup
+    from v3studio.pipelines.takes.frames.frame_numbers import trained_groups
 
     groups = trained_groups(take)
     if not groups:
@@ -186,7 +186,7 @@ def _trim(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 def _crop(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from v3studio.pipelines.takes.edits import frame_of, placed_world
+    from v3studio.pipelines.takes.authored.edits import frame_of, placed_world
     from v3studio.studio.rotations import matrices_to_quats
 
     back = placed_world(edits, frame_of(take)).inverse
@@ -206,7 +206,7 @@ def _crop(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _ground(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from v3studio.pipelines.takes.edits import frame_of, placed_world
+    from v3studio.pipelines.takes.authored.edits import frame_of, placed_world
 
     normal = _up(take, edits)
     placed = placed_world(edits, frame_of(take))
@@ -240,7 +240,7 @@ def _floaters(arguments: argparse.Namespace, take: Take, edits: EditList) -> str
 def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from v3studio.pipelines.takes.edits import frame_of
+    from v3studio.pipelines.takes.authored.edits import frame_of
 
     values: dict[str, object] = {} if edits.world is None else edits.world.model_dump(mode="json")
     if arguments.up_point is not None:
@@ -266,8 +266,8 @@ def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     import numpy as np
 
-    from v3studio.pipelines.takes.edited import followed
-    from v3studio.pipelines.takes.edits import frame_of, placed_world
+    from v3studio.pipelines.takes.authored.edits import frame_of, placed_world
+    from v3studio.pipelines.takes.frames.edited import followed
 
     back = placed_world(edits, frame_of(take)).inverse
     center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius
@@ -279,7 +279,7 @@ def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from v3studio.pipelines.takes.edits import change_edits, singular
+    from v3studio.pipelines.takes.authored.edits import change_edits, singular
     from v3studio.studio.edits.edit_list import EditList
 
     name, known = _MANY.get(arguments.name, arguments.name), [*EditList.model_fields, "all"]
@@ -302,14 +302,14 @@ def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _step(name: Literal["undo", "redo"], arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from v3studio.pipelines.takes.edits import step_edits
+    from v3studio.pipelines.takes.authored.edits import step_edits
 
     return f"{name}ne: {step_edits(take.edits, name)}"
 
 
 def _change(take: Take, before: EditList, name: str, value: object) -> str:
     """Set an edit to JSON-ready values; returns what it is now, in words."""
-    from v3studio.pipelines.takes.edits import change_edits, describe, frame_of
+    from v3studio.pipelines.takes.authored.edits import change_edits, describe, frame_of
 
     after = _checked(before, name, value)
     words = list(describe(after, frame_of(take)).items())
@@ -322,7 +322,7 @@ def _checked(before: EditList, name: str, value: object) -> EditList:
     """The edits with one of them changed; arguments as in `_change`."""
     from pydantic import ValidationError
 
-    from v3studio.pipelines.takes.edits import singular
+    from v3studio.pipelines.takes.authored.edits import singular
     from v3studio.studio.edits.edit_list import EditList
     from v3studio.studio.errors import violation
 

@@ -123,7 +123,13 @@ def _export(arguments: argparse.Namespace) -> None:
         problem = f"--format {arguments.format} has no --spz-version"
         raise invalid_option("--spz-version", problem, "Remove --spz-version.", arguments.spz_version)
     _check_path(arguments)
-    from v3studio.pipelines.takes.videos import decoded_video, is_take, open_reader, stream_numbers, trained_video
+    from v3studio.pipelines.takes.results.videos import (
+        decoded_video,
+        is_take,
+        open_reader,
+        stream_numbers,
+        trained_video,
+    )
 
     if EXPORTS[arguments.format].holds == "stream":
         _whole_stream(arguments)
@@ -235,7 +241,7 @@ def _dilation_note(seen: set[float]) -> str:
 
 
 def _whole_stream(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.takes.videos import open_reader
+    from v3studio.pipelines.takes.results.videos import open_reader
     from v3studio.studio.formats.placing import new_file
     from v3studio.studio.stream.sources.archive import SUFFIX
     from v3studio.studio.stream.write_archive import write_archive
@@ -261,8 +267,8 @@ def _whole_stream(arguments: argparse.Namespace) -> None:
 
 
 def _need_stream(source: str) -> None:
+    from v3studio.pipelines.takes.results.videos import is_take
     from v3studio.pipelines.takes.take import Take
-    from v3studio.pipelines.takes.videos import is_take
 
     if is_take(source) and not Take.open(Path(source).expanduser()).has_stream:
         fix = "Run `v3studio bake`, or export trained frames with --of trained."
@@ -271,9 +277,9 @@ def _need_stream(source: str) -> None:
 
 def _sound(arguments: argparse.Namespace, stack: ExitStack, video: SplatVideo) -> Pcm | None:
     """The sound of the source's stream, also for trained frames; None if it has none, or was baked for later frames."""
-    from v3studio.pipelines.takes.frame_numbers import trained_numbers
+    from v3studio.pipelines.takes.frames.frame_numbers import trained_numbers
+    from v3studio.pipelines.takes.results.videos import capture_place, is_take, open_reader
     from v3studio.pipelines.takes.take import Take
-    from v3studio.pipelines.takes.videos import capture_place, is_take, open_reader
     from v3studio.studio.audio.pcm import part_of
 
     source = arguments.source
@@ -336,7 +342,7 @@ def _frames(video: SplatVideo, arguments: argparse.Namespace, progress: Progress
 
 
 def _usd(video: SplatVideo, arguments: argparse.Namespace, progress: ProgressFn) -> str:
-    from v3studio.pipelines.takes.videos import footage_cameras
+    from v3studio.pipelines.takes.results.videos import footage_cameras
     from v3studio.studio.formats.sequence import axes_of
     from v3studio.studio.formats.usd import export_usd
 
@@ -388,7 +394,7 @@ def _movie(
 
 def _keys(video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int]) -> list[Key]:
     """The keys of the camera path in the world of the splats."""
-    from v3studio.pipelines.takes.camera_paths import path_keys
+    from v3studio.pipelines.takes.authored.camera_paths import path_keys
 
     return path_keys(
         video,
@@ -411,8 +417,8 @@ def _numbers(video: SplatVideo, arguments: argparse.Namespace) -> tuple[int, ...
 def _plates(
     video: SplatVideo, arguments: argparse.Namespace, size: tuple[int, int], progress: ProgressFn
 ) -> tuple[int, str]:
-    from v3studio.pipelines.takes.camera_paths import film_world
-    from v3studio.pipelines.takes.videos import footage_cameras
+    from v3studio.pipelines.takes.authored.camera_paths import film_world
+    from v3studio.pipelines.takes.results.videos import footage_cameras
     from v3studio.studio.cameras import Rig
     from v3studio.studio.formats.camera_path import CameraPath, Key
     from v3studio.studio.formats.exr import export_exr

@@ -31,7 +31,8 @@ def _init(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.config import Config, describe
     from v3studio.pipelines.config.config import values_of
     from v3studio.pipelines.inspection import inspect
-    from v3studio.pipelines.takes.atomic_files import disk_errors, write_text
+    from v3studio.pipelines.takes.files.disk_errors import disk_errors
+    from v3studio.studio.atomic_files import write_text
 
     source = arguments.source
     if arguments.out is not None and arguments.out.is_dir():

@@ -35,7 +35,7 @@ def register(commands: Any) -> None:
 
 def _play(arguments: argparse.Namespace) -> int:
     from v3studio.pipelines.reports.tables import print_playback
-    from v3studio.pipelines.takes.videos import open_reader, stream_numbers
+    from v3studio.pipelines.takes.results.videos import open_reader, stream_numbers
     from v3studio.studio.playback import play_headless
 
     start, stop, step = arguments.frames

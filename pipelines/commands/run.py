@@ -79,7 +79,7 @@ def _stage_parser(commands: Any, name: str, text: str) -> argparse.ArgumentParse
 def _run(arguments: argparse.Namespace) -> None:
     require_memory()
     keep_freed_memory()
-    from v3studio.pipelines.takes.atomic_files import disk_errors
+    from v3studio.pipelines.takes.files.disk_errors import disk_errors
     from v3studio.pipelines.takes.take import Take
     from v3studio.studio.footage import open_footage
 
@@ -115,7 +115,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.runs.runner import run
 
     if arguments.keep is not None:
-        from v3studio.pipelines.takes.kept_bakes import free_name
+        from v3studio.pipelines.takes.results.kept_bakes import free_name
 
         free_name(take, arguments.keep)
 

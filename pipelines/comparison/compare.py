@@ -22,15 +22,11 @@ from v3studio.pipelines.comparison.results import (
     FrameOfTake,
     Measures,
 )
-from v3studio.pipelines.takes.atomic_files import (
-    digest_of,
-    digest_of_file,
-    disk_errors,
-    read_model,
-    remove,
-    write_model,
-)
+from v3studio.pipelines.takes.files.digests import digest_of, digest_of_file
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.version import program_version
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.comparison import METRICS, EvaluationProtocol
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.takes.results.videos import capture_place, open_reader
 from v3studio.pipelines.takes.take import Take
-from v3studio.pipelines.takes.videos import capture_place, open_reader
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.comparison import EvaluationProtocol, find_camera
 from v3studio.studio.errors import StudioError

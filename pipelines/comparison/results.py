@@ -9,7 +9,9 @@ from typing import TypeAlias
 import numpy as np
 
 from v3studio.pipelines.reports.images import write_image
-from v3studio.pipelines.takes.atomic_files import Result, disk_errors, read_model, remove, write_model
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.files.json_files import Result, read_model, write_model
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import StudioError
 
 RESULTS, FOLDER = "comparison.json", ".comparing"

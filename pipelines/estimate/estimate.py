@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 from v3studio.pipelines.estimate.rehearsal import Measured
 from v3studio.pipelines.estimate.work import Work
-from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.training import joint_steps
 from v3studio.studio.training.camera_refinement import all_steps

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 from v3studio.pipelines.reports.page import rendered
-from v3studio.pipelines.takes.atomic_files import write_text
-from v3studio.pipelines.takes.stage_files import NOT_CHECKED, CheckedCameras, checked_cameras
+from v3studio.pipelines.takes.results.stage_files import NOT_CHECKED, CheckedCameras, checked_cameras
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.calibration.report import CalibrationReport
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.errors import Message

@@ -12,15 +12,16 @@ from v3studio.pipelines.reports.images import encode
 from v3studio.pipelines.reports.page import rendered
 from v3studio.pipelines.reports.plots import plots
 from v3studio.pipelines.reports.tables import metric_texts
-from v3studio.pipelines.takes.atomic_files import digest_of, write_text
-from v3studio.pipelines.takes.evaluation import Evaluation, read_evaluation
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.marks import read_marks
-from v3studio.pipelines.takes.records import note_rewritten, read_record
-from v3studio.pipelines.takes.stage_files import read_cameras_report
-from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.pipelines.takes.authored.marks import read_marks
+from v3studio.pipelines.takes.files.digests import digest_of
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.evaluation import Evaluation, read_evaluation
+from v3studio.pipelines.takes.results.records import note_rewritten, read_record
+from v3studio.pipelines.takes.results.stage_files import read_cameras_report
+from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.pipelines.takes.take import Take
 from v3studio.pipelines.version import program_version
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.comparison.metrics import FLICKER
 from v3studio.studio.errors import StudioError
 

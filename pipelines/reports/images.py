@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from v3studio.pipelines.takes.atomic_files import write_bytes
+from v3studio.studio.atomic_files import write_bytes
 from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:

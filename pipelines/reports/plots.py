@@ -4,10 +4,10 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.evaluation import Evaluation, FrameQuality
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.evaluation import Evaluation, FrameQuality
+from v3studio.pipelines.takes.results.stage_files import TrainedGroup
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison.metrics import FLICKER
 

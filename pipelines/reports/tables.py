@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from v3studio.pipelines.reports.terminal import console, table_of
-from v3studio.pipelines.takes.evaluation import Quality, read_evaluation
+from v3studio.pipelines.takes.results.evaluation import Quality, read_evaluation
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison.metrics import Metric
 from v3studio.studio.counts import counted

@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from v3studio.pipelines.takes.marks import Mark, MarkView
+from v3studio.pipelines.takes.authored.marks import Mark, MarkView
 
 VERSION = 1
 

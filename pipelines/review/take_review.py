@@ -13,11 +13,11 @@ import numpy as np
 from v3studio.pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
 from v3studio.pipelines.stages.compared_view import compared_cameras, performer_over
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.evaluation import Evaluation, measured_earlier_bake, read_evaluation
-from v3studio.pipelines.takes.frame_numbers import trained_numbers
-from v3studio.pipelines.takes.marks import Mark, MarkView, change_mark, read_marks
+from v3studio.pipelines.takes.authored.marks import Mark, MarkView, change_mark, read_marks
+from v3studio.pipelines.takes.frames.frame_numbers import trained_numbers
+from v3studio.pipelines.takes.results.evaluation import Evaluation, measured_earlier_bake, read_evaluation
+from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.pipelines.takes.take import Take
-from v3studio.pipelines.takes.videos import capture_place
 from v3studio.studio.errors import StudioError
 from v3studio.studio.similarity import Similarity
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.runs.launch import ERRORS, Launched, launch, until_begun
-from v3studio.pipelines.takes.atomic_files import disk_errors
-from v3studio.pipelines.takes.settings_file import save_config
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.files.settings_file import save_config
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 

@@ -17,7 +17,7 @@ from v3studio.pipelines.events import (
     Warned,
 )
 from v3studio.pipelines.reports.terminal import console, duration, escaped
-from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.studio.counts import counted
 from v3studio.studio.process import NativeLines
 

@@ -27,14 +27,16 @@ from v3studio.pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stag
 from v3studio.pipelines.stages.evaluate import lpips_of
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import Countdown, StageReporter
-from v3studio.pipelines.takes.atomic_files import disk_errors, remove, write_model, write_text
 from v3studio.pipelines.takes.cancel_request import cancelled_on_request
-from v3studio.pipelines.takes.integrity import refuse_damage
-from v3studio.pipelines.takes.kept_bakes import free_name, keep_bake, note_evaluation
-from v3studio.pipelines.takes.records import StageRecord, read_record, write_failure
-from v3studio.pipelines.takes.settings_file import save_config, set_settings
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.files.settings_file import save_config, set_settings
+from v3studio.pipelines.takes.results.integrity import refuse_damage
+from v3studio.pipelines.takes.results.kept_bakes import free_name, keep_bake, note_evaluation
+from v3studio.pipelines.takes.results.records import StageRecord, read_record, write_failure
 from v3studio.pipelines.takes.take import Take
 from v3studio.pipelines.version import program_version
+from v3studio.studio.atomic_files import remove, write_text
 from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
 from v3studio.studio.json_types import JsonData
 

@@ -12,9 +12,11 @@ from pydantic import JsonValue
 from v3studio.pipelines.stages import Stage
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params
-from v3studio.pipelines.takes.atomic_files import Result, digest_of, digests_of_files, remove, write_model
-from v3studio.pipelines.takes.edits import PREFIX
-from v3studio.pipelines.takes.records import StageRecord, on_disk, read_failure, read_record, result_of
+from v3studio.pipelines.takes.authored.edits import PREFIX
+from v3studio.pipelines.takes.files.digests import digest_of, digests_of_files
+from v3studio.pipelines.takes.files.json_files import Result, write_model
+from v3studio.pipelines.takes.results.records import StageRecord, on_disk, read_failure, read_record, result_of
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData
 

@@ -8,7 +8,7 @@ from v3studio.pipelines.config import Config
 from v3studio.pipelines.events import Progress, RunStarted, StageStarted, read_line
 from v3studio.pipelines.reports.terminal import console, duration, escaped, table_of
 from v3studio.pipelines.runs.runner import status
-from v3studio.pipelines.takes.stage_files import checked_cameras
+from v3studio.pipelines.takes.results.stage_files import checked_cameras
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.json_types import JsonData
 

@@ -16,7 +16,7 @@ from v3studio.pipelines.share.page import PAGE_NAME, PageText
 from v3studio.pipelines.share.player_files import hashed_name, player_folder
 from v3studio.pipelines.share.shared_folder import SharedFolder, shared_folder
 from v3studio.pipelines.share.stream_to_share import stream_to_share
-from v3studio.pipelines.takes.atomic_files import disk_errors
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.studio.bounded_files import TextError, parse_json
 from v3studio.studio.errors import StudioError, first_violation
 from v3studio.studio.progress import ProgressFn

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from v3studio.pipelines.share.cast import Item, beside, read_cast
 from v3studio.pipelines.share.cast_ground import Ground, Shadow
-from v3studio.pipelines.takes.videos import FALLBACK_FPS, stream_place
+from v3studio.pipelines.takes.results.videos import FALLBACK_FPS, stream_place
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats import read_splats

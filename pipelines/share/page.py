@@ -10,7 +10,7 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
-from v3studio.pipelines.takes.videos import decoded_video, open_reader, stream_numbers
+from v3studio.pipelines.takes.results.videos import decoded_video, open_reader, stream_numbers
 from v3studio.pipelines.version import program_version
 from v3studio.studio.bounded_files import parse_json
 from v3studio.studio.errors import StudioError, naming
@@ -154,7 +154,7 @@ def first_files(manifest: bytes) -> list[str]:
 def read_intro(path: Path, source: str) -> str:
     """The text that a page holds of a camera path, a file that `path_keys` reads for the stream `source`: times,
     easings, sizes and poses, without names, frames and distortion."""
-    from v3studio.pipelines.takes.camera_paths import path_keys
+    from v3studio.pipelines.takes.authored.camera_paths import path_keys
 
     with open_reader(source) as reader:
         video = replace(decoded_video(reader), numbers=stream_numbers(source, reader).known)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.pipelines.takes.results.videos import stream_place
 from v3studio.pipelines.takes.take import Take
-from v3studio.pipelines.takes.videos import stream_place
 from v3studio.studio.errors import StudioError
 from v3studio.studio.stream.manifest import MANIFEST_NAME
 

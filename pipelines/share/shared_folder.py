@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from v3studio.pipelines.outputs import replacing
-from v3studio.pipelines.takes.atomic_files import remove
 from v3studio.pipelines.version import program_version
-from v3studio.studio.atomic_files import remove_leftovers, restore_old, temporary_path
+from v3studio.studio.atomic_files import remove, remove_leftovers, restore_old, temporary_path
 from v3studio.studio.bounded_files import parse_json
 from v3studio.studio.errors import StudioError
 from v3studio.studio.stream.manifest import MANIFEST_NAME

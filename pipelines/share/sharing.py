@@ -18,8 +18,8 @@ from v3studio.pipelines.share.page import GENERATOR, PageText, player_page, prev
 from v3studio.pipelines.share.player_files import PlayerFiles, read_player
 from v3studio.pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
 from v3studio.pipelines.share.stream_to_share import StreamToShare, stream_to_share
-from v3studio.pipelines.takes.atomic_files import atomic_path, disk_errors
-from v3studio.studio.atomic_files import remove_leftovers
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.studio.atomic_files import atomic_path, remove_leftovers
 from v3studio.studio.errors import StudioError
 from v3studio.studio.progress import ProgressFn, no_progress
 from v3studio.studio.stream.manifest import MANIFEST_NAME

@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 from v3studio.pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
 from v3studio.pipelines.share.player_files import PlayerFiles, hashed_name
-from v3studio.pipelines.takes.videos import decoded_video, stream_place
+from v3studio.pipelines.takes.results.videos import decoded_video, stream_place
 from v3studio.studio.formats.camera_path import turntable
 from v3studio.studio.stream.metadata import TEXTS, with_plain_texts
 

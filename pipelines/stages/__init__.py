@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from v3studio.pipelines.stages.inputs import Inputs
     from v3studio.pipelines.stages.params import Params
     from v3studio.pipelines.stages.reporter import StageReporter
-    from v3studio.pipelines.takes.atomic_files import Result
-    from v3studio.pipelines.takes.groups import Group
+    from v3studio.pipelines.takes.files.json_files import Result
+    from v3studio.pipelines.takes.frames.groups import Group
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class StageCode(Protocol):
         """Number of finished valid units, number of all units, their name ("frames"); None if it has no units."""
 
     def run(self, inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> Result:
-        """Write the results, and return the main figures (words for them: `pipelines.takes.summaries`); finished units
-        are kept.
+        """Write the results, and return the main figures (words for them: `takes.results.summaries`); finished units
+        kept.
 
         The reporter receives progress, figures and warnings; it raises Cancelled when the run is cancelled. `executor`:
         runs groups elsewhere; None: in this process. StudioError for bad input.

@@ -15,11 +15,11 @@ from v3studio.pipelines.stages.baking.rungs import finetuned_rungs, finetuning_p
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import remove
-from v3studio.pipelines.takes.edits import edit_params
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.records import digests_on_record
-from v3studio.pipelines.takes.summaries import BakeSummary
+from v3studio.pipelines.takes.authored.edits import edit_params
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.records import digests_on_record
+from v3studio.pipelines.takes.results.summaries import BakeSummary
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.capture.digest import digest_files
 from v3studio.studio.stream.attributes import VERSION
 

@@ -29,11 +29,13 @@ from v3studio.pipelines.stages.params import Params, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.rig_check import judge_by_images
 from v3studio.pipelines.stages.target import calibrate_with_target, intrinsics_from_target, target_digest
-from v3studio.pipelines.takes.atomic_files import atomic_path, digest_of_file, remove, write_model
-from v3studio.pipelines.takes.point_files import write_points
-from v3studio.pipelines.takes.stage_files import CamerasFromFile, CamerasReport
-from v3studio.pipelines.takes.summaries import CalibrateSummary
+from v3studio.pipelines.takes.files.digests import digest_of_file
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.point_files import write_points
+from v3studio.pipelines.takes.results.stage_files import CamerasFromFile, CamerasReport
+from v3studio.pipelines.takes.results.summaries import CalibrateSummary
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.calibration.report import CalibrationReport, IntrinsicsReport
 from v3studio.studio.calibration.settings import CalibrateSettings
 from v3studio.studio.camera_files import read_rig, write_rig

@@ -9,8 +9,8 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
-from v3studio.pipelines.takes.atomic_files import write_model
-from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.stage_files import CameraColors
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message

@@ -12,11 +12,11 @@ from v3studio.pipelines.stages.group_scheduler import run_groups, threads_of_gro
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, key_of
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.point_files import read_points
-from v3studio.pipelines.takes.records import result_of
-from v3studio.pipelines.takes.stage_files import CameraColors, CameraRefinement, InitialPointsReport
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.point_files import read_points
+from v3studio.pipelines.takes.results.records import result_of
+from v3studio.pipelines.takes.results.stage_files import CameraColors, CameraRefinement, InitialPointsReport
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 

@@ -15,8 +15,9 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
-from v3studio.pipelines.takes.atomic_files import atomic_path, remove, write_model
-from v3studio.pipelines.takes.stage_files import CameraChange, CameraRefinement
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement
+from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.own_frame import own_frame

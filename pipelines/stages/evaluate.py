@@ -18,13 +18,21 @@ from v3studio.pipelines.stages.compared_view import compared_cameras, compared_v
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import Result, read_model, remove, write_model, write_text
-from v3studio.pipelines.takes.edited import EditedGroup
-from v3studio.pipelines.takes.edits import edit_params
-from v3studio.pipelines.takes.evaluation import MEASURES, Evaluation, EvaluationSummary, FrameQuality, Protocol, Quality
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.records import result_of
+from v3studio.pipelines.takes.authored.edits import edit_params
+from v3studio.pipelines.takes.files.json_files import Result, read_model, write_model
+from v3studio.pipelines.takes.frames.edited import EditedGroup
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.evaluation import (
+    MEASURES,
+    Evaluation,
+    EvaluationSummary,
+    FrameQuality,
+    Protocol,
+    Quality,
+)
+from v3studio.pipelines.takes.results.records import result_of
 from v3studio.pipelines.takes.take import group_name
+from v3studio.studio.atomic_files import remove, write_text
 from v3studio.studio.comparison import Residual, flicker_of, measure
 from v3studio.studio.errors import Message, StudioError
 

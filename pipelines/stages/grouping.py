@@ -1,13 +1,14 @@
-"""How far the performer moves, which decides where groups begin: see `pipelines.takes.groups`.
+"""How far the performer moves, which decides where groups begin: see `pipelines.takes.frames.groups`.
 
 The stage `initialize` finds it once, on a few cameras, and stores it in the take.
 """
 
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.training_views import within_box
-from v3studio.pipelines.takes.atomic_files import digest_of, read_model, write_model
-from v3studio.pipelines.takes.records import result_of
-from v3studio.pipelines.takes.stage_files import FoundMotion
+from v3studio.pipelines.takes.files.digests import digest_of
+from v3studio.pipelines.takes.files.json_files import read_model, write_model
+from v3studio.pipelines.takes.results.records import result_of
+from v3studio.pipelines.takes.results.stage_files import FoundMotion
 from v3studio.studio.progress import ProgressFn
 
 CAMERAS = 4  # maximum number of training cameras to look at, evenly spaced

@@ -16,12 +16,14 @@ from v3studio.pipelines.stages.params import Params, derived_seed, key_of, setti
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.rig_check import check_rig
 from v3studio.pipelines.stages.training_views import within_box
-from v3studio.pipelines.takes.atomic_files import atomic_path, digest_of_file, read_model, remove, write_model
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.point_files import write_mesh, write_points
-from v3studio.pipelines.takes.records import digests_on_record, result_of
-from v3studio.pipelines.takes.stage_files import InitialPointsReport
-from v3studio.pipelines.takes.summaries import InitializeSummary
+from v3studio.pipelines.takes.files.digests import digest_of_file
+from v3studio.pipelines.takes.files.json_files import read_model, write_model
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.point_files import write_mesh, write_points
+from v3studio.pipelines.takes.results.records import digests_on_record, result_of
+from v3studio.pipelines.takes.results.stage_files import InitialPointsReport
+from v3studio.pipelines.takes.results.summaries import InitializeSummary
+from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.memory_cache import OnDemand
 

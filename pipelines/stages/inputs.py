@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.stages.params import Params, settings_affecting
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.drawn_masks import file_of_garbage, with_garbage_of
-from v3studio.pipelines.takes.edits import edit_params, read_edits
-from v3studio.pipelines.takes.groups import Group, cut_into_groups
-from v3studio.pipelines.takes.path_here import path_here
-from v3studio.pipelines.takes.stage_files import FoundMotion
+from v3studio.pipelines.takes.authored.drawn_masks import file_of_garbage, with_garbage_of
+from v3studio.pipelines.takes.authored.edits import edit_params, read_edits
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.files.path_here import path_here
+from v3studio.pipelines.takes.frames.groups import Group, cut_into_groups
+from v3studio.pipelines.takes.results.stage_files import FoundMotion
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.errors import StudioError

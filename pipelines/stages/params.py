@@ -3,7 +3,7 @@
 from typing import Any, TypeAlias
 
 from v3studio.pipelines.config.config import Config, values_of
-from v3studio.pipelines.takes.atomic_files import digest_of
+from v3studio.pipelines.takes.files.digests import digest_of
 from v3studio.studio.json_types import JsonData
 from v3studio.studio.settings import affected
 

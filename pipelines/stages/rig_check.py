@@ -12,7 +12,7 @@ from v3studio.pipelines.reports.calibration import write_calibration_page
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import key_of
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import read_model, write_model
+from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.studio.calibration.epipolar import PairMatches, match_images
 from v3studio.studio.calibration.report import RigVerdict
 from v3studio.studio.calibration.verdict import judge

@@ -33,13 +33,14 @@ from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.train_group import GroupWork, TrainClock, before_joint
 from v3studio.pipelines.stages.training_views import details_at
-from v3studio.pipelines.takes.atomic_files import read_model, remove
-from v3studio.pipelines.takes.edits import edit_params
-from v3studio.pipelines.takes.frame_files import has_key
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.records import result_of
-from v3studio.pipelines.takes.stage_files import TrainedGroup
-from v3studio.pipelines.takes.summaries import TrainSummary
+from v3studio.pipelines.takes.authored.edits import edit_params
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.frames.frame_files import has_key
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.records import result_of
+from v3studio.pipelines.takes.results.stage_files import TrainedGroup
+from v3studio.pipelines.takes.results.summaries import TrainSummary
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 

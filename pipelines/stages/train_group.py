@@ -22,8 +22,8 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
-from v3studio.pipelines.takes.atomic_files import read_model, remove, write_model
-from v3studio.pipelines.takes.frame_files import (
+from v3studio.pipelines.takes.files.json_files import read_model, write_model
+from v3studio.pipelines.takes.frames.frame_files import (
     FrameMetadata,
     has_key,
     read_frame,
@@ -31,9 +31,10 @@ from v3studio.pipelines.takes.frame_files import (
     write_frame,
     write_tensors,
 )
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.stage_files import TrainedGroup
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import Message
 from v3studio.studio.json_types import JsonData
 from v3studio.studio.progress import ProgressFn

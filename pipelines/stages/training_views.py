@@ -11,8 +11,8 @@ import numpy as np
 
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.results.stage_files import CameraColors
 from v3studio.studio.edits.edit_list import EditList
 from v3studio.studio.errors import Message, StudioError
 

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from v3studio.pipelines.takes.atomic_files import remove, write_text
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import remove, write_text
 from v3studio.studio.bounded_files import parse_json
 from v3studio.studio.errors import StudioError, reason_of
 

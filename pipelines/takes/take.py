@@ -15,9 +15,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from v3studio.pipelines.takes.atomic_files import Result, held, holder_of, read_json, remove, sweep_partial, write_model
+from v3studio.pipelines.takes.files.json_files import Result, read_json, write_model
+from v3studio.pipelines.takes.files.leftovers import sweep_partial
+from v3studio.pipelines.takes.files.locks import held, holder_of
 from v3studio.pipelines.version import program_version
-from v3studio.studio.atomic_files import leftovers
+from v3studio.studio.atomic_files import leftovers, remove
 from v3studio.studio.bounded_files import need_utf8
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonObject

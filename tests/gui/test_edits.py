@@ -9,7 +9,7 @@ from tests.gui.conftest import RunningWindow, State, Until
 from tests.support.waiting import wait_until
 from v3studio.gui.drawing.palette import FAIR
 from v3studio.pipelines.config import load_config
-from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.studio.calibration import read_tie_points
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.edits import EditList

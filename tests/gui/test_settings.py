@@ -6,8 +6,8 @@ from pathlib import Path
 from tests.gui.conftest import RunningWindow
 from v3studio.pipelines.config.loading import load_config
 from v3studio.pipelines.events import Warned
-from v3studio.pipelines.takes.evaluation import read_evaluation
-from v3studio.pipelines.takes.settings_file import save_config
+from v3studio.pipelines.takes.files.settings_file import save_config
+from v3studio.pipelines.takes.results.evaluation import read_evaluation
 from v3studio.pipelines.takes.take import Take
 
 FOUND = ["setting train.rates.opacity"]

@@ -7,7 +7,7 @@ import pytest
 from v3studio.pipelines.cli import make_parser
 from v3studio.pipelines.events import StageFailed
 from v3studio.pipelines.stages import STAGE_NAMES
-from v3studio.pipelines.takes.settings_file import set_settings
+from v3studio.pipelines.takes.files.settings_file import set_settings
 from v3studio.studio.stream import StreamReader
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.errors import refuses
 from v3studio.pipelines.outputs import replacing
-from v3studio.pipelines.takes.atomic_files import sweep_partial
+from v3studio.pipelines.takes.files.leftovers import sweep_partial
 from v3studio.studio.errors import Cancelled
 
 

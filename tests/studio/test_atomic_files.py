@@ -9,7 +9,14 @@ import pytest
 
 from tests.support.errors import refuses
 from v3studio.studio import atomic_files as module
-from v3studio.studio.atomic_files import atomic_path, is_being_written, leftovers, remove_leftovers, temporary_path
+from v3studio.studio.atomic_files import (
+    atomic_path,
+    is_being_written,
+    leftovers,
+    remove_leftovers,
+    temporary_path,
+    write_json,
+)
 from v3studio.studio.errors import StudioError
 
 
@@ -65,3 +72,18 @@ def test_errors_of_the_block_name_the_final_path(tmp_path, inside):
         raise StudioError("splat_file.position_range", "too far away", file=path / inside)
     with refuses("footage.missing", file=tmp_path / "other"), atomic_path(tmp_path / "out"):
         raise StudioError("footage.missing", "not found", file=tmp_path / "other")
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "result.json"
+    write_json(path, {"a": 1})
+    with pytest.raises(UnicodeEncodeError), atomic_path(path) as half, half.open("w", encoding="ascii") as file:
+        file.writelines(["half", "\u00fc"])
+    assert path.read_text() == '{\n "a": 1\n}\n'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_nan_never_reaches_a_json_file(tmp_path):
+    with pytest.raises(ValueError):
+        write_json(tmp_path / "x.json", {"psnr": float("nan")})
+    assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from v3studio.pipelines.config.loading import load_config
-from v3studio.pipelines.takes.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.bounded_files import Bounds, TextError, check_value, parse_json, parse_toml, read_bounded
 from v3studio.studio.calibration.manual.file import read_tie_points

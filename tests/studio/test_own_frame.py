@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from tests.support import rigs
 from tests.support.errors import refuses
 from tests.support.splats import cloud
-from v3studio.pipelines.takes.videos import decoded_video
+from v3studio.pipelines.takes.results.videos import decoded_video
 from v3studio.studio.cameras import Rig
 from v3studio.studio.formats import read_splats
 from v3studio.studio.formats.baking import bake_video

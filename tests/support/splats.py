@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 import torch
 
-from v3studio.pipelines.takes.atomic_files import write_model
-from v3studio.pipelines.takes.stage_files import TrainedGroup
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.stage_files import TrainedGroup
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.gaussians import Gaussians
 

@@ -17,7 +17,7 @@ from tests.support.web_servers import running
 from v3studio.pipelines.share.player_files import read_player
 from v3studio.pipelines.share.served import find_reviews, find_streams
 from v3studio.pipelines.share.web_app import Reviews, build_app
-from v3studio.pipelines.takes.marks import Mark, change_mark, read_marks
+from v3studio.pipelines.takes.authored.marks import Mark, change_mark, read_marks
 from v3studio.pipelines.takes.take import Take
 
 pytestmark = pytest.mark.web

@@ -6,7 +6,7 @@ from pathlib import Path
 from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.playback.sources import FrameSource, open_path
 from v3studio.gui.models.playback.stream_source import StreamSource
-from v3studio.pipelines.takes.evaluation import measured_earlier_bake
+from v3studio.pipelines.takes.results.evaluation import measured_earlier_bake
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 

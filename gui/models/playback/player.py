@@ -23,7 +23,7 @@ from v3studio.gui.models.scene.reader import SceneReader
 from v3studio.gui.models.scene.render import Place
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.pipelines.share.cast_frames import CastFrames
-from v3studio.pipelines.takes.videos import FALLBACK_FPS
+from v3studio.pipelines.takes.results.videos import FALLBACK_FPS
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.playback import LeftOut, SoundDevice

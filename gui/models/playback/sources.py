@@ -13,12 +13,12 @@ from v3studio.gui.models.playback.stream_source import CACHE_BYTES, StreamSource
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.share.cast import is_cast
 from v3studio.pipelines.share.cast_frames import CastFrames
-from v3studio.pipelines.takes.edited import EditedGroup
-from v3studio.pipelines.takes.edits import read_edits
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers, frames_so_far
+from v3studio.pipelines.takes.authored.edits import read_edits
+from v3studio.pipelines.takes.frames.edited import EditedGroup
+from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers, frames_so_far
+from v3studio.pipelines.takes.results.videos import FALLBACK_FPS
 from v3studio.pipelines.takes.take import Take
-from v3studio.pipelines.takes.videos import FALLBACK_FPS
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.edits.edit_list import EditList, Trim

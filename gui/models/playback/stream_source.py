@@ -6,7 +6,7 @@ The window's transport, which also runs over footage and trained frames, is the 
 from collections.abc import Sequence
 from pathlib import Path
 
-from v3studio.pipelines.takes.videos import capture_place
+from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.studio.coverage import ViewRange
 from v3studio.studio.formats.rigid_motion import placed
 from v3studio.studio.gaussians import Gaussians

@@ -9,7 +9,7 @@ import numpy as np
 from v3studio.gui.drawing.canvas import Canvas, text_width
 from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from v3studio.gui.models.playback.timeline import WHOLE, Timeline, TimelineZoom
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.studio.comparison.metrics import FLICKER, METRICS, Metric
 
 _STEPS = [digit * 10**zeros for zeros in range(9) for digit in (1, 2, 5)]  # distances of numbered frames

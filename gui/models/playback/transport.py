@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.studio.playback.sound_player import SoundPlayer
 
 

@@ -14,8 +14,8 @@ from v3studio.gui.models.scene import contents as scene
 from v3studio.gui.models.scene.contents import Lines, SceneCamera, SceneContents, SceneRequest, Surface
 from v3studio.gui.models.scene.handles import up_of
 from v3studio.gui.models.stages import Inputs
-from v3studio.pipelines.takes.edits import read_edits
-from v3studio.pipelines.takes.point_files import read_points, read_sparse_points
+from v3studio.pipelines.takes.authored.edits import read_edits
+from v3studio.pipelines.takes.results.point_files import read_points, read_sparse_points
 from v3studio.studio.cameras import Rig
 from v3studio.studio.counts import counted
 from v3studio.studio.edits.edit_list import EditList

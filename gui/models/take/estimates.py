@@ -14,8 +14,8 @@ from v3studio.pipelines.config import Config
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.events import Event, Finished, read_line
 from v3studio.pipelines.reports.terminal import duration
-from v3studio.pipelines.takes.atomic_files import write_text
 from v3studio.pipelines.takes.take import Take, program_version
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.storage.cache import cache_folder
 
 Figures = Mapping[str, tuple[float, int | None]]  # seconds, and bytes of the stream (None: not estimated), by preset

@@ -12,7 +12,7 @@ from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.take.shares import NamedTarget, ShareRequest
 from v3studio.pipelines.events import Event, Finished, Log, Progress
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
-from v3studio.pipelines.takes.camera_paths import in_export
+from v3studio.pipelines.takes.authored.camera_paths import in_export
 from v3studio.studio.counts import counted, size_words
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats import EXPORTS

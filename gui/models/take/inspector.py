@@ -15,7 +15,7 @@ from v3studio.gui.models.take.log_words import stage_name
 from v3studio.gui.models.take.run_state import percent
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.reports.terminal import duration
-from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.studio.comparison.metrics import EVALUATED, FLICKER, MAIN
 from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError

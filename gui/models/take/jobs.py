@@ -19,8 +19,8 @@ import psutil
 
 from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.pipelines.events import Event, Finished, Log, read_line
-from v3studio.pipelines.takes.atomic_files import remove
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import remove
 
 STDERR_NAME = "window_job.log"
 _LONGEST_LINE = 1 << 20  # bytes; the rest of a longer line is dropped

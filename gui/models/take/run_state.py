@@ -24,7 +24,7 @@ from v3studio.pipelines.events import (
     Warned,
 )
 from v3studio.pipelines.reports.terminal import duration
-from v3studio.pipelines.takes.summaries import summary_words
+from v3studio.pipelines.takes.results.summaries import summary_words
 
 LOG_LINES = 2000
 CURVE_POINTS = 4000

@@ -17,7 +17,7 @@ from v3studio.gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.config.description import allowed_values, bounds
 from v3studio.pipelines.config.loading import parse_override
-from v3studio.pipelines.takes.path_here import path_here
+from v3studio.pipelines.takes.files.path_here import path_here
 from v3studio.studio.capture.settings import CameraName
 from v3studio.studio.settings import Empty, Heading, Settings, marker, submodel
 from v3studio.studio.storage import is_address

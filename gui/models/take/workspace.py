@@ -23,9 +23,9 @@ from v3studio.pipelines.config import Config, load_config
 from v3studio.pipelines.events import Finished
 from v3studio.pipelines.events.event_log import LogFollower
 from v3studio.pipelines.reports.terminal import duration
-from v3studio.pipelines.takes.atomic_files import disk_errors
 from v3studio.pipelines.takes.cancel_request import request_cancel
-from v3studio.pipelines.takes.settings_file import save_config
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.files.settings_file import save_config
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 from v3studio.studio.settings import OVERRIDES

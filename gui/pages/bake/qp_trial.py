@@ -3,7 +3,7 @@
 from v3studio.gui.models.stages import Inputs, Part, Trial, longest_part, measure
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import Done, LatestWorker
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 
 TRIED_QPS = (14, 18, 20, 22, 26, 30, 36)
 

@@ -12,8 +12,8 @@ from v3studio.gui.pages.bake.qp_chart import draw_trial
 from v3studio.gui.pages.bake.qp_trial import QpTrial
 from v3studio.gui.pages.report_table import cells_text
 from v3studio.gui.pages.stage_view import Size, StageView
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
-from v3studio.pipelines.takes.videos import capture_place
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 from v3studio.studio.stream import StreamReader

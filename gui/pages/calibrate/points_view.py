@@ -16,7 +16,7 @@ from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.calibrate.marks import TieMarks, advice, expected
 from v3studio.gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, PointsImage, Spots
 from v3studio.gui.pages.stage_view import Size, StageView
-from v3studio.pipelines.takes.stage_files import read_cameras_report
+from v3studio.pipelines.takes.results.stage_files import read_cameras_report
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CalibrationReport, TiePointReport
 from v3studio.studio.camera_files import read_rig

@@ -20,8 +20,8 @@ from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.calibrate.rig_coverage import RigCoverage
 from v3studio.gui.pages.report_table import CAMERA, Sorting, cells_text
 from v3studio.gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
-from v3studio.pipelines.takes.point_files import read_sparse_points, read_surface
-from v3studio.pipelines.takes.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
+from v3studio.pipelines.takes.results.point_files import read_sparse_points, read_surface
+from v3studio.pipelines.takes.results.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CalibrationReport, CameraReport
 from v3studio.studio.camera_files import read_rig

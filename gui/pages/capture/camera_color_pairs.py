@@ -13,8 +13,8 @@ from v3studio.gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.results.stage_files import CameraColors
 from v3studio.studio.cameras import FootageView
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError

@@ -14,9 +14,9 @@ from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.image_zoom import Magnifier
 from v3studio.gui.models.take.settings import setting_value
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.pipelines.takes.atomic_files import disk_errors, remove
-from v3studio.pipelines.takes.drawn_masks import DRAWN, file_of_garbage
-from v3studio.studio.atomic_files import write_bytes
+from v3studio.pipelines.takes.authored.drawn_masks import DRAWN, file_of_garbage
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.studio.atomic_files import remove, write_bytes
 from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.garbage_polygons import (
     EXTENSIONS,

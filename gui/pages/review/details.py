@@ -4,7 +4,7 @@ import numpy as np
 
 from v3studio.gui.drawing.palette import RGB
 from v3studio.gui.models.scene.contents import Lines
-from v3studio.pipelines.takes.edited import followed
+from v3studio.pipelines.takes.frames.edited import followed
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits.edit_list import DETAIL_WEIGHT, DetailMark
 

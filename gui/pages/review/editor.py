@@ -14,8 +14,8 @@ from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.review.details import marked
 from v3studio.gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, Stroke
-from v3studio.pipelines.takes.edits import change_edits, describe
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.authored.edits import change_edits, describe
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.cameras import Camera
 from v3studio.studio.counts import counted

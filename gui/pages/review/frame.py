@@ -5,10 +5,10 @@ from bisect import bisect_right
 import numpy as np
 
 from v3studio.gui.pages.review.tools import FLOATERS
-from v3studio.pipelines.takes.edited import edits_of_group, read_paths
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.frame_numbers import trained_groups
-from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.frames.edited import edits_of_group, read_paths
+from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.frames.frame_numbers import trained_groups
+from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits.edit_list import EditList, Floaters
 from v3studio.studio.edits.selection import Paths, Selection, select

@@ -14,7 +14,7 @@ from v3studio.pipelines.config import load_config
 from v3studio.pipelines.runs import runner
 from v3studio.pipelines.runs.staleness import StageStatus
 from v3studio.pipelines.runs.status import progress
-from v3studio.pipelines.takes.evaluation import read_evaluation
+from v3studio.pipelines.takes.results.evaluation import read_evaluation
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison.metrics import MAIN
 from v3studio.studio.counts import listed, size_words

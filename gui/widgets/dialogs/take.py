@@ -19,7 +19,7 @@ from v3studio.gui.widgets.picture import ImagePanel, color, lowered, put
 from v3studio.gui.widgets.settings import PRESET
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.new_take import CALIBRATE, Found, NewTake, uses_words
-from v3studio.pipelines.takes.camera_uses import USES
+from v3studio.pipelines.takes.results.camera_uses import USES
 from v3studio.studio.errors import Cancelled, StudioError
 
 NAME = "new take"

@@ -63,7 +63,7 @@ def read_settings(
     from v3studio.pipelines.config import load_config
     from v3studio.pipelines.config.presets import PRESETS as VALUES
     from v3studio.pipelines.config.presets import preset_here
-    from v3studio.pipelines.takes.drawn_masks import for_another_take
+    from v3studio.pipelines.takes.authored.drawn_masks import for_another_take
     from v3studio.pipelines.takes.take import Take
 
     given: list[tuple[str, Any]] = []

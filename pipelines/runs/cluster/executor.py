@@ -20,8 +20,8 @@ from v3studio.pipelines.stages import Stage
 from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_of_groups
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import remove
-from v3studio.pipelines.takes.groups import Group
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message, StudioError
 

@@ -148,7 +148,7 @@ def do_task(task: GroupTask, node: str) -> None:
 
 def _here(path: Path, what: str, task: GroupTask) -> Path:
     """Where the take or the footage is on this node."""
-    from v3studio.pipelines.takes.path_here import is_there, places_to_look
+    from v3studio.pipelines.takes.files.path_here import is_there, places_to_look
 
     places = places_to_look(path, dict(task.paths))
     found = next((place for place in places if is_there(place)), None)

@@ -15,9 +15,9 @@ from v3studio.pipelines.runs.staleness import DONE, assess_all, not_ready
 from v3studio.pipelines.stages import STAGE_NAMES, STAGES, Stage, stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import disk_errors
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.integrity import refuse_damage
+from v3studio.pipelines.takes.files.disk_errors import disk_errors
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.integrity import refuse_damage
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 

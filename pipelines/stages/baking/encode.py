@@ -10,9 +10,11 @@ from v3studio.pipelines.stages.baking.measures import RenderedError, rendered_co
 from v3studio.pipelines.stages.baking.plan import BakePlan, Part, group_to_bake, stream_cameras
 from v3studio.pipelines.stages.baking.rungs import finetuned_frames, finetuned_rungs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import digest_of_file, remove, write_model
-from v3studio.pipelines.takes.edited import EditedGroup
-from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.pipelines.takes.files.digests import digest_of_file
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.frames.edited import EditedGroup
+from v3studio.pipelines.takes.results.stage_files import BakedGroupNote
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:

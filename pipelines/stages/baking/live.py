@@ -14,7 +14,7 @@ from v3studio.pipelines.stages.baking.plan import BakePlan
 from v3studio.pipelines.stages.baking.publish import publish
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.pipelines.takes.results.stage_files import BakedGroupNote
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled, Message, StudioError
 from v3studio.studio.json_types import JsonData

@@ -10,12 +10,13 @@ from v3studio.pipelines.stages import stage_named
 from v3studio.pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import key_of, settings_affecting
-from v3studio.pipelines.takes.atomic_files import digest_of_file, read_model
-from v3studio.pipelines.takes.edited import EditedGroup, edits_of_group
-from v3studio.pipelines.takes.edits import edit_params, no_frames_left
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.pipelines.takes.authored.edits import edit_params, no_frames_left
+from v3studio.pipelines.takes.files.digests import digest_of_file
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.frames.edited import EditedGroup, edits_of_group
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.stage_files import BakedGroupNote
 from v3studio.pipelines.takes.take import group_name
 from v3studio.studio.cameras import Camera
 from v3studio.studio.edits.edit_list import Trim

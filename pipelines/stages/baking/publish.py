@@ -9,8 +9,9 @@ import numpy as np
 
 from v3studio.pipelines.stages.baking.plan import BakePlan, stream_cameras
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.atomic_files import atomic_path, digest_of_file, link_or_copy
-from v3studio.pipelines.takes.stage_files import BakedGroupNote
+from v3studio.pipelines.takes.files.digests import digest_of_file
+from v3studio.pipelines.takes.results.stage_files import BakedGroupNote
+from v3studio.studio.atomic_files import atomic_path, link_or_copy
 from v3studio.studio.edits.edit_list import UP
 from v3studio.studio.errors import Message
 

@@ -13,11 +13,12 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
-from v3studio.pipelines.takes.atomic_files import digest_of_file, remove
-from v3studio.pipelines.takes.edited import EditedGroup
-from v3studio.pipelines.takes.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
-from v3studio.pipelines.takes.groups import Group
-from v3studio.pipelines.takes.records import result_of
+from v3studio.pipelines.takes.files.digests import digest_of_file
+from v3studio.pipelines.takes.frames.edited import EditedGroup
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
+from v3studio.pipelines.takes.frames.groups import Group
+from v3studio.pipelines.takes.results.records import result_of
+from v3studio.studio.atomic_files import remove
 from v3studio.studio.edits.edit_list import EditList
 from v3studio.studio.memory_cache import OnDemand
 from v3studio.studio.progress import ProgressFn

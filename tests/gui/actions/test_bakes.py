@@ -6,7 +6,7 @@ from tests.support.looping import wait_in_loop
 from v3studio.gui.actions.bakes import BakeActions, bake_words
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.pipelines.takes.settings_file import set_settings
+from v3studio.pipelines.takes.files.settings_file import set_settings
 from v3studio.pipelines.takes.take import Take
 
 

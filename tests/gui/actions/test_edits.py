@@ -18,7 +18,7 @@ from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.review.editor import Editor
 from v3studio.gui.pages.review.view import EditView
-from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.edits import EditList, Floaters, Trim

@@ -11,8 +11,8 @@ from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.transport import Transport
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
-from v3studio.pipelines.takes.marks import Mark, change_mark, read_marks
+from v3studio.pipelines.takes.authored.marks import Mark, change_mark, read_marks
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 
 ANNAS = Mark(frame=0, note="foot", author="Anna")
 

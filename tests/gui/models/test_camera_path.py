@@ -6,7 +6,7 @@ from tests.support.errors import refuses
 from v3studio.gui.models.camera_path import PathEditor
 from v3studio.gui.models.history import History
 from v3studio.gui.models.scene.orbit import OrbitCamera
-from v3studio.pipelines.takes.frame_numbers import FrameNumbers
+from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.studio.formats.camera_path import read_path_keys
 
 ORBIT = OrbitCamera(target=np.array([0.0, 0.0, 0.9]))

@@ -28,9 +28,9 @@ from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.pages.train import NOT_RUN
 from v3studio.pipelines.config import dump_config, load_config
 from v3studio.pipelines.new_take import NewTake
-from v3studio.pipelines.takes.atomic_files import write_text
-from v3studio.pipelines.takes.camera_uses import camera_uses
+from v3studio.pipelines.takes.results.camera_uses import camera_uses
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError
 from v3studio.studio.stream import StreamReader

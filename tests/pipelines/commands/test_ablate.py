@@ -8,7 +8,7 @@ import pytest
 from tests.support.errors import refuses
 from v3studio.pipelines.ablation.study import RatePoint, VariantResult, compare
 from v3studio.pipelines.ablation.variants import chosen
-from v3studio.pipelines.takes.frame_files import read_about
+from v3studio.pipelines.takes.frames.frame_files import read_about
 
 pytestmark = pytest.mark.long
 

@@ -6,11 +6,11 @@ import pytest
 
 from tests.support.streams import contents
 from v3studio.pipelines.review.take_review import TakeReview
-from v3studio.pipelines.takes.edits import change_edits, read_edits
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.authored.edits import change_edits, read_edits
+from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.results.point_files import read_points
+from v3studio.pipelines.takes.results.videos import decoded_video, trained_video
 from v3studio.pipelines.takes.take import Take
-from v3studio.pipelines.takes.videos import decoded_video, trained_video
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.edits.edit_list import Region
 from v3studio.studio.formats.rigid_motion import placed

@@ -13,10 +13,10 @@ import torch
 from tests.support.rigs import camera_at
 from tests.support.splats import write_group
 from v3studio.pipelines.events import Log
-from v3studio.pipelines.takes.edits import change_edits
-from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.authored.edits import change_edits
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.results.videos import trained_video
 from v3studio.pipelines.takes.take import Take
-from v3studio.pipelines.takes.videos import trained_video
 from v3studio.studio.camera_files import write_rig_json
 from v3studio.studio.cameras import Rig
 from v3studio.studio.edits.edit_list import EditList, Trim

@@ -13,7 +13,7 @@ from tests.support.streams import contents
 from tests.support.tiny_capture import environment, run_take
 from tests.support.warm_python import warm_python
 from v3studio.pipelines.comparison.compare import compare
-from v3studio.pipelines.takes.evaluation import read_evaluation
+from v3studio.pipelines.takes.results.evaluation import read_evaluation
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison import PROTOCOLS, measure
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from tests.support.rigs import camera_at
 from v3studio.pipelines.reports.calibration import calibration_warnings, intrinsics_sentences, render_calibration
-from v3studio.pipelines.takes.stage_files import CameraChange, CameraRefinement, CheckedCameras
+from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement, CheckedCameras
 from v3studio.studio.calibration import reprojection_report
 from v3studio.studio.calibration.report import CalibrationReport, CameraVerdict, RigVerdict, SharedIntrinsicsReport
 from v3studio.studio.cameras import Rig

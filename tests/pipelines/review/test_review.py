@@ -16,9 +16,9 @@ from v3studio.pipelines.config import dump_config, load_config
 from v3studio.pipelines.review.take_review import TakeReview
 from v3studio.pipelines.share.served import find_reviews, find_streams
 from v3studio.pipelines.share.web_app import Reviews, build_app
-from v3studio.pipelines.takes.atomic_files import write_model
-from v3studio.pipelines.takes.marks import MAX_NOTE, Mark, change_mark, read_marks
-from v3studio.pipelines.takes.records import StageRecord
+from v3studio.pipelines.takes.authored.marks import MAX_NOTE, Mark, change_mark, read_marks
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.records import StageRecord
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.stream import BakeSettings

@@ -16,9 +16,9 @@ from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.runs.runner import run, status
 from v3studio.pipelines.stages import STAGE_NAMES, stage_named
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.kept_bakes import keep_bake, kept_bakes
-from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.results.kept_bakes import keep_bake, kept_bakes
+from v3studio.pipelines.takes.results.point_files import read_points
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled, StudioError
 

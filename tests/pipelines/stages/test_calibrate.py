@@ -14,7 +14,7 @@ from v3studio.pipelines.stages import calibrate
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.known_cameras import focal_lengths, known_cameras
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.stage_files import checked_cameras
+from v3studio.pipelines.takes.results.stage_files import checked_cameras
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration import CalibrationResult, align_rigs, reprojection_report
 from v3studio.studio.calibration.report import RigVerdict

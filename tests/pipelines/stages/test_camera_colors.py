@@ -15,7 +15,7 @@ from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
-from v3studio.pipelines.takes.atomic_files import read_json
+from v3studio.pipelines.takes.files.json_files import read_json
 from v3studio.pipelines.takes.take import Take
 
 pytestmark = pytest.mark.long

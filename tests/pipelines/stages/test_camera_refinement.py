@@ -9,8 +9,8 @@ from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.events import Event, Log
 from v3studio.pipelines.runs.runner import run, status
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.takes.atomic_files import read_model
-from v3studio.pipelines.takes.stage_files import CameraRefinement
+from v3studio.pipelines.takes.files.json_files import read_model
+from v3studio.pipelines.takes.results.stage_files import CameraRefinement
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
 

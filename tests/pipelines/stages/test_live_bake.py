@@ -14,7 +14,7 @@ from v3studio.pipelines.stages.baking import live as live_bake
 from v3studio.pipelines.stages.baking.live import LiveBake
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.frame_files import FrameMetadata, read_frame, write_frame
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_frame, write_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled, StudioError
 from v3studio.studio.stream import StreamReader, check_stream

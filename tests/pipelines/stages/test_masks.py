@@ -10,7 +10,7 @@ import pytest
 from tests.support.tiny_capture import RADIUS
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.runs.runner import status
-from v3studio.pipelines.takes.point_files import read_points
+from v3studio.pipelines.takes.results.point_files import read_points
 from v3studio.pipelines.takes.take import Take
 
 MODELS = Path(__file__).parents[2] / "studio" / "masks" / "data"

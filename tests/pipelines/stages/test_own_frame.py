@@ -8,7 +8,7 @@ import av
 import numpy as np
 from plyfile import PlyData
 
-from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.similarity import Similarity

@@ -12,8 +12,8 @@ from v3studio.pipelines.config import Config
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
-from v3studio.pipelines.takes.edits import change_edits
-from v3studio.pipelines.takes.frame_files import read_about
+from v3studio.pipelines.takes.authored.edits import change_edits
+from v3studio.pipelines.takes.frames.frame_files import read_about
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits import DetailMark, EditList
 from v3studio.studio.training import TrainingView

@@ -18,7 +18,7 @@ from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.sources import load
 from v3studio.gui.models.playback.stream_source import StreamSource
 from v3studio.gui.models.worker import LatestWorker
-from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, write_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Camera, Rig

@@ -16,8 +16,8 @@ from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.sources import load
 from v3studio.gui.models.take.inspector import review_blocks
 from v3studio.pipelines.reports.images import render
-from v3studio.pipelines.takes.frame_files import read_frame
-from v3studio.pipelines.takes.marks import Mark, change_mark
+from v3studio.pipelines.takes.authored.marks import Mark, change_mark
+from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError

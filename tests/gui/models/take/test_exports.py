@@ -10,8 +10,8 @@ from tests.support.splats import converted_splats, write_group
 from tests.support.streams import bake_numbered, set_capture
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.exports import ExportRequest, Exports
-from v3studio.pipelines.takes.edits import change_edits
-from v3studio.pipelines.takes.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.authored.edits import change_edits
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, write_frame
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits import EditList, Trim, World
 from v3studio.studio.stream import CapturePlace

@@ -10,7 +10,7 @@ from tests.support.waiting import wait_until
 from v3studio.gui.models.take.serving import Serving
 from v3studio.gui.models.take.shares import ShareRequest, stale_words
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.pipelines.takes.edits import change_edits
+from v3studio.pipelines.takes.authored.edits import change_edits
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits import EditList, Trim
 

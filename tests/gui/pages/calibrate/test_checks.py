@@ -2,8 +2,8 @@ from pathlib import Path
 
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.calibrate.view import CalibrateView
-from v3studio.pipelines.takes.atomic_files import write_model
-from v3studio.pipelines.takes.stage_files import CameraChange, CameraRefinement
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CameraVerdict, RigVerdict
 

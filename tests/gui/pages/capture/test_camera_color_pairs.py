@@ -6,8 +6,8 @@ import pytest
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.capture import camera_color_pairs
 from v3studio.gui.pages.capture.camera_color_pairs import CameraColorsView
-from v3studio.pipelines.takes.atomic_files import write_model
-from v3studio.pipelines.takes.stage_files import CameraColors
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.results.stage_files import CameraColors
 from v3studio.pipelines.takes.take import Take
 
 MATRIX = ((0.8, 0.05, 0.0, 0.02), (0.0, 1.1, 0.0, -0.01), (0.1, 0.0, 0.9, 0.0))

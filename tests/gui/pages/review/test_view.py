@@ -14,7 +14,7 @@ from v3studio.gui.pages.review.editor import Editor
 from v3studio.gui.pages.review.numbers import with_numbers
 from v3studio.gui.pages.review.tools import LEAST_BRUSH, MOST_BRUSH
 from v3studio.gui.pages.review.view import EditView
-from v3studio.pipelines.takes.edits import read_edits
+from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.edits import EditList, Floaters

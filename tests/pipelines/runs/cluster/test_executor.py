@@ -19,7 +19,7 @@ from v3studio.pipelines.runs.cluster import task as task_module
 from v3studio.pipelines.runs.cluster.executor import RayExecutor
 from v3studio.pipelines.runs.cluster.task import NOT_VISIBLE, GroupTask, run_task, versions
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.takes.groups import cut_into_groups
+from v3studio.pipelines.takes.frames.groups import cut_into_groups
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled, Message, StudioError
 

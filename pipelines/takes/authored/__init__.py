@@ -1,0 +1,1 @@
+"""What people make: edits, marks, camera paths, drawn masks."""

@@ -1,0 +1,1 @@
+"""Frames and their groups: numbers, files, and frames with the take's edits."""

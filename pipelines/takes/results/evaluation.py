@@ -1,0 +1,149 @@
+"""evaluation.json: image quality of the trained Gaussians and of the decoded stream, and how it was measured."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import create_model
+
+from v3studio.pipelines.takes.files.json_files import Result, read_model
+from v3studio.pipelines.takes.results.records import read_record, result_of
+from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison.metrics import EVALUATED, MAIN, Metric
+from v3studio.studio.counts import size_words
+
+MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
+"""Figures of a row, in order: metrics of trained and decoded frames. LPIPS only with evaluate.lpips."""
+
+if TYPE_CHECKING:  # type checkers do not see made fields
+    _Figures = Result
+else:
+    _Figures = create_model("_Figures", __base__=Result, **dict.fromkeys(MEASURES, (float | None, None)))
+
+
+class Quality(_Figures):
+    """Image quality of a view, or the mean over views: fields by `MEASURES`, None if not measured. PSNR in dB, at most
+    100: interior, more than 3 pixels inside the mask (None if no part is so thick); outline, up to 3 pixels from the
+    mask's outline. SSIM and LPIPS in 0 to 1."""
+
+    psnr_trained: float
+    psnr_decoded: float
+
+    @property
+    def measures(self) -> dict[str, float]:
+        """Metrics by name, in the order of `MEASURES`, without those that were not measured."""
+        found = {name: getattr(self, name) for name in MEASURES}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+class FrameQuality(Quality):
+    """One frame: the mean over its measured cameras."""
+
+    index: int
+    """Counted from 0 in the take."""
+
+    frame: int
+    """Frame number in the footage."""
+
+    group: int
+    starts_group: bool
+    splats: int
+
+    bytes: float
+    """Size of the group's files divided by its number of frames; manifest and sound are not part of it."""
+
+    flicker: float | None = None
+    """RMS change of the decoded residual from the frame before, in levels of 0 to 255, mean over cameras; None for the
+    first frame."""
+
+    cameras: dict[str, Quality]
+    """By camera name; cameras that do not see the performer in this frame are left out."""
+
+
+class EvaluationSummary(Quality):
+    """Means over all frames."""
+
+    bytes_per_frame: float
+    """`protocol.total_bytes` divided by the number of frames: with manifest and sound, hence above the frames' mean."""
+
+    psnr_trained_lowest_frame: float
+    psnr_decoded_lowest_frame: float
+    flicker: float | None = None
+    """Mean over frames."""
+
+    flicker_at_group_borders: float | None = None
+    """Mean over the first frames of groups."""
+
+    @property
+    def words(self) -> list[str]:
+        """One part of a sentence each."""
+        found, measures = [], self.measures
+        for metric in EVALUATED:
+            if f"{metric.name}_decoded" in measures:
+                decoded, trained = (metric.text(measures[f"{metric.name}_{what}"]) for what in ("decoded", "trained"))
+                found.append(f"{metric.title} {decoded} (before baking {trained})")
+            if metric is MAIN:
+                found.append(f"lowest frame {metric.text(self.psnr_decoded_lowest_frame)}")
+        found.append(f"{size_words(self.bytes_per_frame)} per frame")
+        if self.flicker is not None:
+            borders = self.flicker_at_group_borders
+            at = "" if borders is None else f" ({borders:.1f} at group borders)"
+            found.append(f"flicker {self.flicker:.1f} of 255 levels{at}")
+        return found
+
+
+class Protocol(Result):
+    """How the quality was measured."""
+
+    cameras: tuple[str, ...]
+
+    held_out: bool
+    """False: no camera with masks was held out, so training cameras were measured."""
+
+    note: str
+
+    resolution: dict[str, tuple[int, int]]
+    """Width and height in pixels by camera name."""
+
+    crop: str
+
+    background: tuple[float, float, float]
+    """RGB, 0 to 1."""
+
+    footage: str
+    """How the images that are compared with are made."""
+
+    frames: tuple[int, ...]
+    mean: str
+    ssim: str
+    lpips: str | None = None
+    total_bytes: int
+    total_bytes_are: str
+    bytes_of_a_frame: str
+
+
+class Evaluation(Result):
+    """Contents of evaluation.json."""
+
+    summary: EvaluationSummary
+    protocol: Protocol
+
+    cameras: dict[str, Quality]
+    """Means over frames, by camera name."""
+
+    frames: tuple[FrameQuality, ...]
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Those that were measured."""
+        return tuple(metric for metric in EVALUATED if f"{metric.name}_decoded" in self.summary.measures)
+
+
+def read_evaluation(path: Path) -> Evaluation:
+    """Read evaluation.json. Raises StudioError: `take.file_not_found` or `take.damaged`."""
+    return read_model(path, Evaluation)
+
+
+def measured_earlier_bake(take: Take) -> bool:
+    """Whether the stream has been baked again since it was measured."""
+    record = read_record(take, "evaluate")
+    return record is not None and record.params.get("result of bake") != result_of(take, "bake")
