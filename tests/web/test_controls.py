@@ -170,6 +170,18 @@ def test_keys(page):
     keyboard.up("ArrowRight")
     keyboard.press("r")
     page.wait("player.state.view.azimuth === 0")
+    # The key of "+" is that of "=" once Shift is released.
+    for key, press in (
+        ("Shift", keyboard.down),
+        ("Equal", keyboard.down),
+        ("Shift", keyboard.up),
+        ("Equal", keyboard.up),
+    ):
+        press(key)
+    page.wait("player.state.view.distance < argument", page.state["view"]["distance"] + 1e-9)
+    assert page.evaluate("() => document.querySelector('v3-player').controls.motion.keys.size") == 0
+    keyboard.press("r")
+    page.wait("player.state.view.azimuth === 0")
     keyboard.press(">")
     assert page.state["speed"] == 1.5
     keyboard.press("?")

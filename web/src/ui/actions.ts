@@ -94,12 +94,12 @@ export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, 
     const isFor = host.hasAttribute("controls") && !(onButton && name === " ");
     const action = !isFor ? undefined : ACTIONS.find(({ keys }) => keys?.includes(name));
     if (action !== undefined) action.run?.(controls, name);
-    else if (onButton || !motion.key(event.key, true)) return;
+    else if (onButton || !motion.press(event)) return;
     event.preventDefault();
     controls.awake();
   }, { signal });
   host.addEventListener("keyup", (event) => {
     controls.motion.shift = event.shiftKey;
-    controls.motion.key(event.key, false);
+    controls.motion.release(event);
   }, { signal });
 }

@@ -33,7 +33,8 @@ export class Motion {
   private began = { x: 0, y: 0, at: 0, moved: false, scrolls: false };
   private lastTap = { x: 0, y: 0, at: -Infinity };
   private velocity = { x: 0, y: 0, at: 0 };
-  private readonly keys = new Set<string>();
+  /** Keys that are held, by their place on the keyboard: what a key means may change before it is released. */
+  private readonly keys = new Map<string, string>();
   private flight: { from: View; to: View; began: number } | null = null;
   private handle = 0;
   private last = 0;
@@ -79,17 +80,20 @@ export class Motion {
     this.run();
   }
 
-  /** Handles a key press or release; true if the key moves the camera. */
-  key(name: string, down: boolean): boolean {
-    if (!/^(Arrow(Left|Right|Up|Down)|\+|-|=)$/.test(name)) return false;
-    const pressed = down && !this.keys.has(name);
-    if (down) this.keys.add(name);
-    else this.keys.delete(name);
+  /** Handles a key that is pressed; true if it moves the camera. */
+  press({ key, code }: KeyboardEvent): boolean {
+    if (!/^(Arrow(Left|Right|Up|Down)|\+|-|=)$/.test(key)) return false;
+    const held = this.keys.has(code);
+    this.keys.set(code, key);
     this.flight = null;
     // It may be released before the next image.
-    if (pressed) this.keysHeld(PRESS);
+    if (!held) this.keysHeld(PRESS);
     this.run();
     return true;
+  }
+
+  release({ code }: KeyboardEvent): void {
+    this.keys.delete(code);
   }
 
   shift = false;
@@ -246,7 +250,8 @@ export class Motion {
   }
 
   private keysHeld(seconds: number): boolean {
-    const held = (name: string): number => (this.keys.has(name) ? 1 : 0);
+    const names = [...this.keys.values()];
+    const held = (name: string): number => (names.includes(name) ? 1 : 0);
     const x = held("ArrowRight") - held("ArrowLeft");
     const y = held("ArrowDown") - held("ArrowUp");
     const z = held("-") - Math.max(held("+"), held("="));
