@@ -231,6 +231,23 @@ def test_a_note_that_is_not_saved_is_not_replaced(page, take):
     assert read_marks(take.marks)[0].note == "the hand is blurred"
 
 
+def test_a_mark_that_somebody_removes_while_it_is_edited(page, take):
+    """The only one: an empty list of marks is an answer, too."""
+    for number, old in read_marks(take.marks).items():
+        change_mark(take.marks, number, None, old)
+    knee = Mark(frame=1, note="knee")
+    change_mark(take.marks, 1, knee, None)
+    page.handle.get_by_text("knee").wait_for()
+    page.handle.get_by_role("button", name="Edit the mark at frame 1").click()
+    page.handle.get_by_placeholder("Note").fill("left knee")
+    change_mark(take.marks, 1, None, knee)
+    page.handle.get_by_role("button", name="Save").click()
+    page.handle.get_by_text("The mark was removed.").wait_for()
+    page.handle.get_by_role("button", name="Save").click()
+    page.handle.wait_for_selector(".v3-review form", state="hidden")
+    assert read_marks(take.marks)[1].note == "left knee"
+
+
 def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, open_page):
     page.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
     page.click("link")

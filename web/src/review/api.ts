@@ -1,6 +1,6 @@
 /** What the page and `v3studio serve --review` send each other; `pipelines/review/messages.py` has the same. */
 
-import type { Vector } from "../stream/metadata.ts";
+import { isVector, type Vector } from "../stream/metadata.ts";
 
 export const VERSION = 1;
 
@@ -76,9 +76,17 @@ export interface Change {
   readonly replaces: MarkContent | null;
 }
 
-/** A refused change, with the marks as they are. */
+/** A mark from the server, without its view if that cannot be shown. */
+export function readMark(mark: Mark): Mark {
+  const { eye, target, fov, place } = mark.view ?? {};
+  const apart = isVector(eye) && isVector(target) && eye.some((value, k) => value !== target[k]);
+  const fits = apart && fov !== undefined && fov > 0 && fov < 180 && (place === null || isVector(place));
+  return fits ? mark : { ...mark, view: null };
+}
+
+/** A refused change, with the marks as they are; null if the answer does not say. */
 export class Refused extends Error {
-  constructor(message: string, readonly marks: readonly Mark[]) {
+  constructor(message: string, readonly marks: readonly Mark[] | null) {
     super(message);
   }
 }
@@ -105,7 +113,7 @@ export class ReviewServer {
     const answer = await this.get("marks", { headers: this.tag === "" ? {} : { "If-None-Match": this.tag }, cache: "no-store" });
     if (answer.status === 304) return null;
     this.tag = answer.headers.get("etag") ?? "";
-    return ((await answer.json()) as { marks: Mark[] }).marks;
+    return ((await answer.json()) as { marks: Mark[] }).marks.map(readMark);
   }
 
   /** Adds, changes or removes a mark, and returns all marks. Refused: the server did not accept it. */
@@ -116,8 +124,9 @@ export class ReviewServer {
       body: JSON.stringify(change),
     });
     const kind = answer.headers.get("content-type") ?? "";
-    if (!kind.startsWith("application/json")) throw new Refused(`The server answers ${answer.status}.`, []);
-    const { marks, problem } = (await answer.json()) as { marks: Mark[]; problem: string | null };
+    if (!kind.startsWith("application/json")) throw new Refused(`The server answers ${answer.status}.`, null);
+    const { problem, ...found } = (await answer.json()) as { marks: Mark[]; problem: string | null };
+    const marks = found.marks.map(readMark);
     if (!answer.ok) throw new Refused(problem ?? `The server answers ${answer.status}.`, marks);
     this.tag = answer.headers.get("etag") ?? "";
     return marks;

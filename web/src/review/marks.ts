@@ -165,7 +165,7 @@ export class Marks {
       this.close();
     } catch (error) {
       this.problem.textContent = error instanceof Refused ? error.message : `The mark was not saved: ${messageOf(error)}`;
-      if (error instanceof Refused && error.marks.length > 0) this.refused(editing.frame, error.marks);
+      if (error instanceof Refused && error.marks !== null) this.refused(editing.frame, error.marks);
     } finally {
       this.save.disabled = this.remove.disabled = false;
     }

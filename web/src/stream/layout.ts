@@ -2,8 +2,8 @@
 
 import { names } from "stream-schema";
 import type { SplatArrays } from "./manifest_types.ts";
+import { MAX_VALUE } from "./metadata.ts";
 
-export const MAX_VALUE = 1e9;
 const MAX_LOG_SCALE = Math.log(MAX_VALUE);
 const MAX_SHAPE = 1e4;
 

@@ -4,9 +4,9 @@
 import { definitions } from "stream-schema";
 import { StreamError } from "./errors.ts";
 import { check, wrong } from "./json_schema.ts";
-import { channelNames, MAX_VALUE, squareSide, valueBounds } from "./layout.ts";
+import { channelNames, squareSide, valueBounds } from "./layout.ts";
 import type * as stored from "./manifest_types.ts";
-import { type Metadata, readMetadata } from "./metadata.ts";
+import { MAX_VALUE, type Metadata, readMetadata } from "./metadata.ts";
 
 const FORMAT = "v3studio-stream";
 export const MANIFEST_NAME = "manifest.json";

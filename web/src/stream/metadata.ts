@@ -1,6 +1,7 @@
 /** What the metadata tells players (docs/STREAM.md, "Metadata"). It is optional: what is not well-formed is ignored. */
 
-import { MAX_VALUE } from "./layout.ts";
+/** Largest number in a stream, a view or a mark: everything that is computed from it stays finite. */
+export const MAX_VALUE = 1e9;
 
 export type Vector = readonly [number, number, number];
 
@@ -48,7 +49,7 @@ type Values = Readonly<Record<string, unknown>>;
 
 export const isNumber = (value: unknown): value is number => typeof value === "number" && Number.isFinite(value);
 
-const isVector = (value: unknown): value is Vector =>
+export const isVector = (value: unknown): value is Vector =>
   Array.isArray(value) && value.length === 3 && value.every((one) => isNumber(one) && Math.abs(one) <= MAX_VALUE);
 
 const isSide = (value: unknown): value is number => Number.isInteger(value) && Number(value) >= 1 && Number(value) <= MAX_SIDE;

@@ -1,7 +1,7 @@
 /** Links to a time and a view: `?t=3.2&view=30,10,2.5,0,0,0` (angles in degrees, then distance and target). */
 
 import type { PartialView, View } from "../render/camera.ts";
-import { MAX_VALUE } from "../stream/layout.ts";
+import { MAX_VALUE } from "../stream/metadata.ts";
 
 const short = (value: number, digits = 4): string => String(Number(value.toPrecision(digits)));
 

@@ -2,7 +2,7 @@
  * parameters. */
 
 import type { PartialView } from "../render/camera.ts";
-import { MAX_VALUE } from "../stream/layout.ts";
+import { MAX_VALUE } from "../stream/metadata.ts";
 import { BACKGROUNDS, type BackgroundName, isBackground, isDecoder } from "./choices.ts";
 import { parseView } from "./link.ts";
 

@@ -129,10 +129,14 @@ function wideFields(view: DataView, entry: number, start: number, length: number
   return {};
 }
 
-/** Ranges of a file on this computer, such as one that was dropped onto the page. */
+/** Ranges of a file on this computer, such as one that was dropped onto the page. Browsers refuse to read one that has changed
+ * since then. */
 export function rangesOf(file: Blob): ReadRange {
-  return async (start, count) => ({
-    data: new Uint8Array(await file.slice(start, start + count).arrayBuffer()),
-    size: file.size,
-  });
+  return async (start, count) => {
+    try {
+      return { data: new Uint8Array(await file.slice(start, start + count).arrayBuffer()), size: file.size };
+    } catch {
+      throw new StreamError("The file was changed or removed on this computer; open it again.");
+    }
+  };
 }

@@ -9,6 +9,7 @@ const ATTEMPTS = 10;
 const FIRST_WAIT = 400;
 const LONGEST_WAIT = 4000;
 const FIRST_BYTES = 1 << 20; // memory for a file of unknown size at first
+const INTERRUPTED = "The connection was interrupted.";
 const STALL = 15_000; // milliseconds without data after which a request is aborted
 
 type Take = (chunk: Uint8Array<ArrayBuffer>) => void;
@@ -16,6 +17,8 @@ type Take = (chunk: Uint8Array<ArrayBuffer>) => void;
 export class HttpSource implements Source {
   private readonly ports: Map<string, MessagePort>;
   private readonly earlyTimes = new Map<string, number>();
+  /** Files that are missing since the server or the connection fails, which is said once: until one of them arrives. */
+  private readonly failing = new Set<string>();
 
   /** `received`: called to estimate the bandwidth. `early`: what the page has begun to fetch. */
   constructor(
@@ -55,10 +58,15 @@ export class HttpSource implements Source {
       return out.subarray(0, filled);
     }
     filled = 0;
-    return this.tryAgain(signal, async () => {
+    return this.tryAgain(path, signal, async () => {
       // Continues where an earlier attempt ended, if the file is still the same.
       const headers = filled > 0 && tag !== null ? { Range: `bytes=${filled}-`, "If-Range": tag } : {};
       await this.request(path, headers, signal, async (response) => {
+        if (response.status === 416) {
+          // The connection broke after the last byte, or the file has changed: from the beginning.
+          tag = null;
+          throw new StreamError(INTERRUPTED, true);
+        }
         if (response.status !== 206) filled = 0;
         const found = response.headers.get("ETag");
         tag = found?.startsWith("W/") === true ? null : found;
@@ -97,7 +105,7 @@ export class HttpSource implements Source {
     count: number,
     signal: AbortSignal,
   ): Promise<{ data: Uint8Array<ArrayBuffer>; size: number }> {
-    return this.tryAgain(signal, async () => {
+    return this.tryAgain(path, signal, async () => {
       const out = new Uint8Array(count);
       let filled = 0;
       let size = 0;
@@ -105,7 +113,8 @@ export class HttpSource implements Source {
         const range = /^bytes (\d+)-\d+\/(\d+)$/.exec(response.headers.get("Content-Range") ?? "");
         if (response.status !== 206 || range === null || Number(range[1]) !== start)
           throw new StreamError(
-            `${path} cannot be read: the server does not answer range requests, which a stream in one file needs.`,
+            `${path} cannot be read: the server does not answer range requests, which a stream in one file needs, or does not ` +
+              "expose Content-Range to other websites (CORS).",
           );
         size = Number(range[2]);
         await this.receive(response, (chunk) => {
@@ -119,16 +128,19 @@ export class HttpSource implements Source {
     });
   }
 
-  private async tryAgain<T>(signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
+  private async tryAgain<T>(path: string, signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
     for (let n = 1; ; n++) {
       try {
-        return await attempt();
+        const done = await attempt();
+        if (this.failing.has(path)) this.failing.clear();
+        return done;
       } catch (error) {
         if (signal.aborted) throw error;
         const transient = error instanceof StreamError ? error.transient : true;
         if (!transient || n === ATTEMPTS)
           throw error instanceof StreamError ? error : new StreamError(messageOf(error), true);
-        this.trouble("The connection was interrupted; trying again.");
+        if (this.failing.size === 0) this.trouble(`${messageOf(error).replace(/\.$/, "")}; trying again.`);
+        this.failing.add(path);
         await new Promise((resolve) => setTimeout(resolve, Math.min(FIRST_WAIT * 2 ** (n - 1), LONGEST_WAIT)));
       }
     }
@@ -149,7 +161,7 @@ export class HttpSource implements Source {
       }
     } catch (error) {
       reader?.cancel().catch(() => undefined);
-      throw error instanceof StreamError ? error : new StreamError("The connection was interrupted.", true);
+      throw error instanceof StreamError ? error : new StreamError(INTERRUPTED, true);
     }
     if (measured) this.received(bytes, performance.now() - began);
   }
@@ -172,13 +184,17 @@ export class HttpSource implements Source {
         const cache = "Range" in headers ? "no-store" : HASHED.test(path) ? "default" : "no-cache";
         response = await fetch(url, { headers, signal: stop.signal, cache });
       } catch {
+        if (!stop.signal.aborted && (await withholds(url, stop.signal)))
+          throw new StreamError(
+            `The server ${new URL(url).host} does not let other websites read the stream: it must send the header ` +
+              "Access-Control-Allow-Origin (CORS).",
+          );
         // The browser's own words, such as "Failed to fetch", help nobody.
-        const why = stop.signal.aborted ? "The server does not respond" : "The server cannot be reached";
-        throw new StreamError(`${why}; check the connection.`, true);
+        throw new StreamError(stop.signal.aborted ? "The server does not respond." : "The server cannot be reached.", true);
       } finally {
         clearTimeout(waiting);
       }
-      if (!response.ok) {
+      if (!response.ok && response.status !== 416) {
         const again = response.status >= 500 || response.status === 429 || response.status === 408;
         throw new StreamError(`${path} cannot be fetched: the server returned status ${response.status}.`, again);
       }
@@ -187,5 +203,16 @@ export class HttpSource implements Source {
       signal.removeEventListener("abort", abort);
       stop.abort();
     }
+  }
+}
+
+/** Whether a server of another website answers, but without the headers that would let this page read the answer. */
+async function withholds(url: string, signal: AbortSignal): Promise<boolean> {
+  if (new URL(url).origin === globalThis.origin) return false;
+  try {
+    await fetch(url, { mode: "no-cors", signal, cache: "no-store" });
+    return true;
+  } catch {
+    return false;
   }
 }

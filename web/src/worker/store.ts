@@ -34,7 +34,7 @@ export class GroupStore {
   /** Groups in memory. */
   readonly files = new Map<number, Fetched>();
   private readonly fetching = new Map<number, Promise<Fetched>>();
-  private readonly failed = new Map<number, StreamError>();
+  private readonly failed = new Map<number, Error>();
   private bytes = 0; // number of bytes in memory
   private busy = false;
   private begun = false;
@@ -92,7 +92,8 @@ export class GroupStore {
       fetching = this.choose(group, null).then((rendition) => this.fetch(group, rendition));
       this.fetching.set(group, fetching);
       fetching.then(({ complete }) => complete).catch((error: unknown) => {
-        if (error instanceof StreamError && !this.signal.aborted) this.failed.set(group, error);
+        // Whatever it was: what is not noted would be asked for again at once.
+        if (!this.signal.aborted) this.failed.set(group, error as Error);
       }).finally(() => this.fetching.delete(group));
     }
     return fetching;
@@ -158,8 +159,7 @@ export class GroupStore {
       }
       await this.fetch(index, group).complete;
       this.improved(index);
-    } catch (error) {
-      if (!(error instanceof StreamError)) throw error;
+    } catch {
       this.settled.set(index, wanted);
     }
   }
