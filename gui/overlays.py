@@ -3,7 +3,7 @@
 from v3studio.gui.actions.commands import Actions
 from v3studio.gui.drawing.canvas import shortened
 from v3studio.gui.drawing.palette import TEXT
-from v3studio.gui.models.take.log_words import stage_name
+from v3studio.gui.models.stage_rows import stage_name
 from v3studio.gui.models.take.run_state import percent
 from v3studio.gui.shell import Shell
 from v3studio.gui.widgets.picture import color, put

@@ -30,6 +30,7 @@ class Inspection:
     """See the module."""
 
     lines: tuple[str, ...] = ()  # what was found, one sentence each
+    choices: tuple[str, ...] = ()  # those of `lines` about what settings choose, see `Footage`
     problems: tuple[Message, ...] = ()
     rigs: tuple[str, ...] = ()  # calibration files to choose from with `capture.rig`; empty if there is one, or none
     # masks, plates, sounds: what there is to choose from for `capture.mask_files`, `capture.clean_plates` and
@@ -62,6 +63,7 @@ def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Ins
         thumbnails, strip = _images(footage, progress or no_progress) if shown else ({}, {})
         return Inspection(
             lines=found_lines(footage),
+            choices=footage.choices,
             problems=(*footage.problems, *footage.warnings),
             rigs=tuple(rigs),
             masks=_beside(footage, MASK_FOLDERS),

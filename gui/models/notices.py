@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from v3studio.gui.models.stage_rows import message_text
 from v3studio.studio.errors import StudioError
 
 SHOWN_SECONDS = 12.0
@@ -81,7 +82,7 @@ class Notices:
         try:
             yield
         except (StudioError, OSError) as error:
-            problem = str(error)
+            problem = message_text(error) if isinstance(error, StudioError) else str(error)
         self.outcome(topic, problem)
 
     def dismiss(self) -> bool:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from v3studio.gui.models.stages import STAGES, Inputs, camera_file
+from v3studio.pipelines.events import Notice
 from v3studio.pipelines.runs.runner import status
 from v3studio.pipelines.runs.staleness import StageStatus
 from v3studio.studio.errors import Message, StudioError
@@ -10,6 +11,29 @@ from v3studio.studio.errors import Message, StudioError
 TITLES = {"capture": "Capture"}
 TITLES |= {"review" if stage.name == "evaluate" else stage.name: stage.title for stage in STAGES}
 """The stages as shown in the window, in order."""
+
+
+TO_RUN = frozenset(
+    {
+        "bakes.not_baked", "mesh.unreadable", "take.damaged", "take.no_cameras", "take.no_report", "take.no_stream",
+        "take.not_initialized", "take.not_trained", "training.no_first_points",
+    }
+)  # fmt: skip
+"""Errors that the stage in their field `stage` fixes, by code: results are missing, or damaged."""
+
+
+def stage_name(stage: str) -> str:
+    """A stage as the window names it, by its name on the command line: "Train"."""
+    return next((known.title for known in STAGES if known.name == stage), stage[:1].upper() + stage[1:])
+
+
+def message_text(error: StudioError | Notice) -> str:
+    """An error or the event of one as the window says it: what to run is a page, not a command."""
+    text, stage = str(error) if isinstance(error, StudioError) else error.message, error.fields.get("stage")
+    if not isinstance(stage, str) or error.code not in TO_RUN:
+        return text
+    again = " again" * (error.code in ("take.damaged", "mesh.unreadable"))
+    return f"{text.removesuffix(error.fix).rstrip()} Run {stage_name(stage)}{again}."
 
 
 def pipeline_name(key: str) -> str:

@@ -53,7 +53,7 @@ class InitializeView(OrbitView):
         folder = self._folder()
         take = self.workspace.take
         if folder is None or take is None or not (folder / "points.ply").is_file():
-            raise StudioError("take.not_initialized", "no mesh and no points for this group yet", fix="Run Initialize.")
+            raise StudioError("take.not_initialized", "no mesh and no points for this group yet", stage="initialize")
         mesh, points = self._groups.get_or_make(_stamp(folder), lambda _: _read(folder))
         # of another take, or calibrated again: where up is has changed
         self.home = self._homes.get_or_make((take.rig, modified(take.rig)), lambda _: _home(take, points[0]))

@@ -9,8 +9,8 @@ import numpy as np
 from v3studio.gui.drawing.canvas import Canvas, line_height, shortened
 from v3studio.gui.drawing.palette import DIM, GROUND, TEXT
 from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.stage_rows import TO_RUN, message_text
 from v3studio.gui.models.take.inspector import Block
-from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import LatestWorker
 from v3studio.pipelines.takes.results.summaries import summary_words
@@ -73,10 +73,13 @@ class StageView:
         if done.result is not None:
             return done.result
         error = done.error
-        words = str(error) if isinstance(error, StudioError) else f"{type(error).__name__}: {error}"
-        if self.workspace.busy and isinstance(error, StudioError) and error.fix.startswith("Run "):
+        if not isinstance(error, StudioError):
+            words = f"{type(error).__name__}: {error}"
+        elif self.workspace.busy and error.code in TO_RUN:
             words = error.problem  # the run may be about to make it
-        return sentence(size, in_page_words(words), self.em)
+        else:
+            words = message_text(error)
+        return sentence(size, words, self.em)
 
     def show_again(self) -> None:
         """Request the image again at the next poll, because the viewport has shown something else."""

@@ -17,7 +17,7 @@ class RaycastMesh:
         mesh = o3d.t.io.read_triangle_mesh(str(path)) if path.is_file() else None
         if mesh is None or mesh.is_empty() or "indices" not in mesh.triangle:
             problem = "no readable triangle mesh"
-            raise StudioError("mesh.unreadable", problem, file=path, fix="Run `v3studio initialize --force`.")
+            raise StudioError("mesh.unreadable", problem, file=path, stage="initialize")
         mesh.compute_vertex_normals()
         self.faces = len(mesh.triangle.indices)
         self._triangles = mesh.triangle.indices.numpy()

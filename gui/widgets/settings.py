@@ -184,7 +184,8 @@ class SettingsList:
         """A row: label in a column of `room` pixels, or above the field; field; tick that resets it."""
         em = self._em
         label = gui.Label(field.label.replace(" ", "\u00a0"))
-        label.tooltip = "\n".join(textwrap.wrap(field.documentation, 70))  # the toolkit shows one line otherwise
+        lines = textwrap.wrap(field.documentation, 70)  # the toolkit shows one line otherwise
+        label.tooltip = "\n".join([*lines, f"Messages call it {field.name}."])
         head = lowered(label)
         editor = make_editor(field, self._actions.set_value, self._actions.pick)
         if not self.edited or not isinstance(editor.widget, gui.TextEdit):

@@ -9,7 +9,7 @@ from v3studio.gui.drawing.canvas import Canvas, text_width
 from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
 from v3studio.gui.models.stage_rows import TITLES, StageRow
 from v3studio.gui.models.take.estimates import Estimates
-from v3studio.gui.models.take.page_words import in_page_words, setting_words
+from v3studio.gui.models.take.page_words import setting_words
 from v3studio.gui.models.take.settings import SettingField, stage_of
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.widgets.hints import Hints
@@ -168,7 +168,7 @@ class StagesPanel:
 
     def _refuse(self, refusal: StudioError | None, edited: str = "") -> None:
         """Show why a setting was refused; None clears it."""
-        text = "" if refusal is None else in_page_words(str(refusal))
+        text = "" if refusal is None else str(refusal)
         setting = "" if refusal is None else str(refusal.fields.get("setting", ""))
         self._refused_setting = setting if setting != edited else ""  # the edited one is already on screen
         self._error_in = self._circumstances

@@ -34,6 +34,19 @@ DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "m
 
 
 @dataclass(frozen=True)
+class Reason:
+    """Why results are not up to date, for example "changed from 22 to 30": the setting with this dotted name, or the
+    result of this stage; without either, the words say what."""
+
+    words: str
+    setting: str = ""
+    stage: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.setting or (self.stage and f'the result of {self.stage}')} {self.words}".strip()
+
+
+@dataclass(frozen=True)
 class StageStatus:
     """Status of a stage.
 
@@ -43,6 +56,7 @@ class StageStatus:
             attempt), missing (not run yet).
         reason: why it is not done ("not run yet", "bake.quality changed from 22 to 30", "last attempt: ...");
             if it is done, "" or why that could not be checked.
+        reasons: the parts of `reason`, if it was compared with the current settings and inputs.
         units_done, units, unit: finished units, all units, and their name ("frames"); 0, 0, "" if it has none.
         seconds: duration of the finished run.
         summary: main figures of the finished run.
@@ -52,6 +66,7 @@ class StageStatus:
     stage: str
     state: str
     reason: str = ""
+    reasons: tuple[Reason, ...] = ()
     units_done: int = 0
     units: int = 0
     unit: str = ""
@@ -92,7 +107,8 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     if record:
         found = replace(found, seconds=record.seconds, summary=record.summary)
     try:
-        reason = _why_not_done(stage, inputs, record, waiting)
+        reasons = _why_not_done(stage, inputs, record, waiting)
+        reason = "; ".join(map(str, reasons))
         units = stage.code.units(inputs) if reason and not waiting else None
     except StudioError as error:
         if record and not waiting and not reason and not error.code.startswith("take.edits_"):
@@ -109,7 +125,7 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
         partial = bool(found.units_done) or (not waiting and _is_begun(stage, inputs))
     else:  # if all units of a finished stage are valid, it is stale for another reason
         partial = 0 < found.units_done < found.units
-    return replace(found, state=PARTIAL if partial else found.state, reason=reason)
+    return replace(found, state=PARTIAL if partial else found.state, reason=reason, reasons=reasons)
 
 
 def assess_all(
@@ -137,26 +153,26 @@ def not_ready(stage: Stage, needed: StageStatus) -> StudioError:
     )
 
 
-def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, waiting: list[str]) -> str:
+def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, waiting: list[str]) -> tuple[Reason, ...]:
     if record is None:
         if waiting:
-            return f"needs {', '.join(waiting)}"
-        return "not finished; the next run resumes" if _is_begun(stage, inputs) else "not run yet"
+            return (Reason(f"needs {', '.join(waiting)}"),)
+        return (Reason("not finished; the next run resumes" if _is_begun(stage, inputs) else "not run yet"),)
     if waiting:
-        return f"{', '.join(waiting)} must run first"
+        return (Reason(f"{', '.join(waiting)} must run first"),)
     root, written, touched = inputs.take.root, record.written, False
     for name, size in record.files.items():
         state = _state_of(f"{root}/{name}")
         if state is None or not stat.S_ISREG(state.st_mode) or state.st_size != size:
-            return f"{name} was {'deleted' if state is None else 'modified'}"
+            return (Reason(f"{name} was {'deleted' if state is None else 'modified'}"),)
         touched |= name in written and state.st_mtime_ns != written[name]
     changed = differences(record.params, current_params(stage, inputs))  # last, since the footage may be elsewhere
     if changed:
-        return "; ".join(changed)
+        return changed
     # with another modification time the content may still be the same, as in a copied take
     if touched and digest_of(digests_of_files(root, [root / name for name in written])) != record.result:
-        return "result files were modified"
-    return ""
+        return (Reason("result files were modified"),)
+    return ()
 
 
 def _is_begun(stage: Stage, inputs: Inputs) -> bool:
@@ -178,8 +194,8 @@ _SOURCES = ("camera file", "board footage", "tie points", "footage")
 """What cameras come from; each has settings of its own, which are no further change."""
 
 
-def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list[str]:
-    """Descriptions of what changed, at most four."""
+def differences(before: Mapping[str, object], now: Mapping[str, object]) -> tuple[Reason, ...]:
+    """What changed, at most four reasons."""
     names = sorted(before.keys() | now.keys())
     changed = [name for name in names if digest_of(before.get(name)) != digest_of(now.get(name))]
     # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
@@ -187,21 +203,21 @@ def differences(before: Mapping[str, object], now: Mapping[str, object]) -> list
     left = [name for name in _SOURCES if name in before and name not in now]
     taken = [name for name in _SOURCES if name in now and name not in before]
     if left and taken:
-        return [f"the cameras come from the {taken[0]} now, not from the {left[0]}"]
-    found = [_difference(name, before, now) for name in own or changed]
-    return found if len(found) <= 4 else [*found[:3], f"{len(found) - 3} more settings changed"]
+        return (Reason(f"the cameras come from the {taken[0]} now, not from the {left[0]}"),)
+    reasons = [_difference(name, before, now) for name in own or changed]
+    return tuple(reasons if len(reasons) <= 4 else [*reasons[:3], Reason(f"{len(reasons) - 3} more settings changed")])
 
 
-def _difference(name: str, before: Mapping[str, object], now: Mapping[str, object]) -> str:
+def _difference(name: str, before: Mapping[str, object], now: Mapping[str, object]) -> Reason:
     if name.startswith("result of "):
-        return f"the result of {name.removeprefix('result of ')} changed"
+        return Reason("changed", stage=name.removeprefix("result of "))
     if name == "cameras without calibration" and now.get(name):
-        return f"{_short(now[name])} not calibrated; used since capture.held_out, capture.cameras or masks changed"
+        return Reason(f"{_short(now[name])} not calibrated; used since settings of cameras or masks changed")
     if name in ("footage", "camera file", "metrics"):
-        return f"the {name} changed"
+        return Reason(f"the {name} changed")
     if name.startswith(PREFIX):
-        return _edit_change(name, before.get(name), now.get(name))
-    return f"{name} changed from {_short(before.get(name))} to {_short(now.get(name))}"
+        return Reason(_edit_change(name, before.get(name), now.get(name)))
+    return Reason(f"changed from {_short(before.get(name))} to {_short(now.get(name))}", setting=name)
 
 
 def _edit_change(name: str, before: object, now: object) -> str:

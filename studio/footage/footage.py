@@ -34,7 +34,9 @@ class Footage:
         without_masks: other cameras of the footage, which are not used since they have no masks.
         frames: frame numbers as in the files, after start, stop and step.
         fps: frames per second of these frames: the footage's rate divided by step.
-        description: the files that were found and how they are read, one sentence per line.
+        notes: the files that were found and how they are read, one sentence each.
+        choices: what settings choose, or should: the frame rate, cameras that are held out or not used. One sentence
+            each.
         mask_source: the source of the masks.
         problems: problems with the set of files; empty unless the footage was opened with strict=False.
         sound: the sound of the footage; None without `spec.audio`.
@@ -50,7 +52,8 @@ class Footage:
     _warps: Mapping[str, Warp] | None
     _pool: DecoderPool
     _cache: ImageCache
-    description: str
+    notes: tuple[str, ...]
+    choices: tuple[str, ...]
     problems: tuple[Message, ...] = ()
     sound: CaptureSound | None = None
     _garbage: GarbageMasks | None = None
@@ -63,6 +66,11 @@ class Footage:
         self._undistortion_maps = image_cache(self._cache.limit // 4)
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
         self._digests: dict[tuple[tuple[Path, str], ...], str] = {}
+
+    @property
+    def description(self) -> str:
+        """Notes and choices, one sentence per line."""
+        return "\n".join((*self.notes, *self.choices))
 
     @property
     def filmed_fps(self) -> float | None:

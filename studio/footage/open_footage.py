@@ -97,7 +97,7 @@ def open_footage(
         raise _all_of(problems)
     rate, fps_note = _fps(spec, sources)
     sound = find_sound(spec, sources, rate)
-    notes = [_found(spec, pattern, sources, frames), fps_note, _video_notes(sources)]
+    notes, choices = [_found(spec, pattern, sources, frames), _video_notes(sources)], [fps_note]
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     limit = min(2 << 30, memory_limit() // 8)
@@ -113,18 +113,17 @@ def open_footage(
     sources = _with_masks(spec, sources, unmasked, held_out)
     left_out = tuple(name for name in found if name not in sources and name in (*without_masks, *unmasked))
     if left_out:
-        notes.append(f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks.")
+        choices.append(f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks.")
     unmeasured = [name for name in unmasked if name in held_out]
     if unmeasured:
         notes.append(f"Held out without masks, so no quality is measured there: {cameras_listed(unmeasured)}.")
     warps = _warps(spec, rig, sources, notes) if rig is not None else None
     exact, exact_note = exact_masks(spec, evaluation_masks, held_out or tuple(sources), masked)
     notes.append(exact_note)
-    notes.append(_held_out_note(held_out, tuple(sources)))
-    description = "\n".join(note for note in notes if note)
+    choices.append(_held_out_note(held_out, tuple(sources)))
     return Footage(
         spec, sources, frames, held_out, rate / spec.frame_range[2], mask_source, exact, warps, pool, cache,
-        description, tuple(problems), sound, garbage, left_out,
+        tuple(filter(None, notes)), tuple(filter(None, choices)), tuple(problems), sound, garbage, left_out,
     )  # fmt: skip
 
 

@@ -90,7 +90,7 @@ class TrainedSource:
         self.fps = fps
         self._files, groups = frames_so_far(take)
         if not self._files:
-            raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", fix="Run Train.")
+            raise StudioError("take.not_trained", "no trained frames yet", file=take.root / "train", stage="train")
         self.group_starts: Sequence[int] = tuple(
             next((index for index in group.indices if index in self._files), group.first) for group in groups
         )

@@ -8,7 +8,6 @@ from v3studio.gui.models.camera_path import PathEditor
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.viewpoint import BACKGROUNDS
 from v3studio.gui.models.take.jobs import Commands, scratch_folder
-from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.take.shares import NamedTarget, ShareRequest
 from v3studio.pipelines.events import Event, Finished, Log, Progress
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
@@ -184,7 +183,7 @@ class Exports(Commands):
         elif self._stopping or status == EXIT_CANCELLED:
             self.result, self.failed = f"{request.does} stopped. No files were left behind.", False
         else:
-            self.result = in_page_words(f"{request.does} failed: {error}")
+            self.result = f"{request.does} failed: {error}"
         self.finished.emit()
 
     def stop(self) -> None:

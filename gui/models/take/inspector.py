@@ -11,7 +11,7 @@ from v3studio.gui.drawing.palette import DIM, LINE, PANEL, TEXT
 from v3studio.gui.models.evaluation import DECODED, Evaluation
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.player import PlayerPresenter
-from v3studio.gui.models.take.log_words import stage_name
+from v3studio.gui.models.stage_rows import stage_name
 from v3studio.gui.models.take.run_state import percent
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.reports.terminal import duration

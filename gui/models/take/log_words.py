@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from v3studio.gui.models.stages import STAGES
+from v3studio.gui.models.stage_rows import stage_name
 from v3studio.pipelines.events import Metrics
 from v3studio.pipelines.reports.terminal import duration
 from v3studio.studio.comparison.metrics import EVALUATED
@@ -17,11 +17,6 @@ _FIGURES: Mapping[str, Callable[[float], str]] = {  # by name, in the order of t
     "bytes": size_words,
     "seconds": duration,
 }
-
-
-def stage_name(stage: str) -> str:
-    """A stage as the window names it, by its name on the command line: "Train"."""
-    return next((one.title for one in STAGES if one.name == stage), stage[:1].upper() + stage[1:])
 
 
 def metrics_words(event: Metrics) -> str:

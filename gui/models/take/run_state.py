@@ -6,8 +6,8 @@ import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 
-from v3studio.gui.models.take.log_words import metrics_words, stage_name
-from v3studio.gui.models.take.page_words import in_page_words
+from v3studio.gui.models.stage_rows import message_text, stage_name
+from v3studio.gui.models.take.log_words import metrics_words
 from v3studio.pipelines.events import (
     Event,
     Finished,
@@ -116,7 +116,7 @@ class RunState:
         elif isinstance(event, Log):
             self._say(event.message)
         elif isinstance(event, Warned):
-            self._say(event.message, "warning", event)
+            self._say(message_text(event), "warning", event)
         elif isinstance(event, StageFinished):
             self.finished.append(event.stage)
             self.stage, self.progress = "", None
@@ -124,18 +124,18 @@ class RunState:
             figures = summary_words(event.stage, event.summary)
             self._say(f"{stage_name(event.stage)}: done in {duration(event.seconds)}{figures and '. '}{figures}")
         elif isinstance(event, StageFailed):
-            self.failed[event.stage] = event.message
+            self.failed[event.stage] = message_text(event)
             self.failed_setting[event.stage] = str(event.fields.get("setting", ""))
-            self._say(f"{stage_name(event.stage)}: {event.message}", "error", event)
+            self._say(f"{stage_name(event.stage)}: {message_text(event)}", "error", event)
             for line in event.traceback.splitlines():
                 self._say(line, "error")
         elif isinstance(event, Finished):
             self.outcome, self.stage, self.progress = event.outcome, "", None
             self.results += 1
-            repeated = event.message in self.failed.values()
+            repeated = message_text(event) in self.failed.values()
             words = {"done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}
             text = f"{words.get(event.outcome, event.outcome)} after {duration(event.seconds)}"
-            text += "" if repeated or not event.message else f": {event.message}"
+            text += "" if repeated or not event.message else f": {message_text(event)}"
             self._say(text, "error" if event.outcome == "failed" else "")
 
     def crashed(self, message: str, tail: str = "") -> None:
@@ -157,7 +157,7 @@ class RunState:
 
     def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
         self.begun = True
-        self.lines.append(LogLine(kind, in_page_words(text), self._now, notice))
+        self.lines.append(LogLine(kind, text, self._now, notice))
 
     def _train_figures(self, event: Progress) -> None:
         if event.fraction < self._trained:  # training has started over

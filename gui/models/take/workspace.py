@@ -15,7 +15,7 @@ from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.jobs import Job, is_paused, pause_process, stop_process
-from v3studio.gui.models.take.page_words import in_page_words, why_not_done
+from v3studio.gui.models.take.page_words import setting_words, why_not_done
 from v3studio.gui.models.take.run_state import RunState
 from v3studio.gui.models.take.settings import setting_value
 from v3studio.gui.models.worker import Done, LatestWorker
@@ -251,8 +251,8 @@ class Workspace:
                 return StageRow(key, "waiting", "waiting")
         is_done = self.assessed and status is not None and status.state == "done"
         if name in self.run.failed and not self.busy and not is_done:
-            why = in_page_words(self.run.failed[name])
-            return StageRow(key, "failed", "failed", why, self.run.failed_setting.get(name, ""))
+            why, setting = self.run.failed[name], self.run.failed_setting.get(name, "")
+            return StageRow(key, "failed", "failed", why, setting)
         if status is None:
             return StageRow(key, "missing", "" if self.assessed or self.context is None else "checking")
         words = "not run" if status.state == "missing" else status.state
@@ -267,7 +267,7 @@ class Workspace:
         if self.assessment.footage_error is not None:
             error = self.assessment.footage_error
             setting = str(error.fields.get("setting", ""))
-            return StageRow("capture", "failed", "cannot be opened", in_page_words(str(error)), setting)
+            return StageRow("capture", "failed", "cannot be opened", str(error), setting)
         if not self.assessed:
             return StageRow("capture", "missing", "checking")
         return StageRow("capture", "done", self.assessment.footage)
@@ -361,8 +361,10 @@ class Workspace:
         now = self.config
         if before is not None and now is not None and now != before:
             old, new = ({name: setting_value(config, name) for name in values} for config in (before, now))
-            changes = [f"{name} from {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new]
-            words = words or f"the change of {in_page_words(', '.join(changes))}"
+            changes = [
+                f"{setting_words(name)} from {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new
+            ]
+            words = words or f"the change of {', '.join(changes)}"
             self.history.add(Change(words, partial(self.write_settings, old), partial(self.write_settings, new)))
 
     def changeable(self) -> tuple[Take, Inputs]:

@@ -15,7 +15,6 @@ from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small_image
 from v3studio.gui.models.scene.render import draw_contents, frusta_places
 from v3studio.gui.models.take.inspector import Block
-from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.calibrate.rig_coverage import RigCoverage
 from v3studio.gui.pages.report_table import CAMERA, Sorting, cells_text
@@ -78,7 +77,7 @@ class CalibrateView(OrbitView):
         blocks = [Block("Are they right?", [], "\n".join(self._checked.sentences))] if report is not None else []
         blocks += [covered.block] if covered is not None else []
         if isinstance(report, CamerasFromFile) and report.notes:
-            blocks.append(Block("Camera file", [], in_page_words("\n".join(report.notes))))
+            blocks.append(Block("Camera file", [], "\n".join(report.notes)))
         return blocks
 
     def state(self) -> Hashable:
@@ -97,7 +96,7 @@ class CalibrateView(OrbitView):
             # or the inspector would show those of the last take
             self._coverage = self._coverage_of = self._read_of = None
             self._checked = CheckedCameras(None, None, None)
-            raise StudioError("take.no_cameras", "no cameras yet", fix="Run Calibrate.")
+            raise StudioError("take.no_cameras", "no cameras yet", stage="calibrate")
         self._read(take)
         self._cover(take)
         return self._table(size) if self.mode == "report" else self._scene(size)

@@ -14,7 +14,6 @@ from v3studio.gui.models.held_out import held_out_first
 from v3studio.gui.models.playback.image_zoom import Magnifier
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.inspector import Block
-from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
@@ -60,7 +59,7 @@ class CaptureView(StageView):
     @property
     def blocks(self) -> Sequence[Block]:
         """For the inspector: which files were found, and how they are read."""
-        return [] if self._reduced is None else [Block("Footage", [], in_page_words(self._reduced.footage.description))]
+        return [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
 
     def state(self) -> Hashable:
         """The capture settings, the frame, the mode, the result of the check."""

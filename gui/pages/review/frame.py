@@ -37,7 +37,7 @@ class EditedFrame:
         """Read what has changed; the last frame if `frame`, counted from 0, is beyond. Raises StudioError."""
         files, starts = take.trained_files() if take is not None else ([], ())
         if take is None or not files:
-            raise StudioError("take.not_trained", "there is nothing to edit yet", fix="Run Train.")
+            raise StudioError("take.not_trained", "there is nothing to edit yet", stage="train")
         index = min(frame, len(files) - 1)
         number = bisect_right(starts, index) - 1
         start, end = starts[number], (*starts[1:], len(files))[number]

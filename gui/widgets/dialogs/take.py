@@ -10,7 +10,6 @@ from v3studio.gui.drawing.canvas import text_width, wrapped
 from v3studio.gui.drawing.footage_sheet import FootageSheet
 from v3studio.gui.drawing.palette import BAD, DIM
 from v3studio.gui.models.loop import LOOP
-from v3studio.gui.models.take.page_words import in_page_words
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.widgets.dialogs.base import Dialogs, exactly
 from v3studio.gui.widgets.dialogs.folder import ask_path
@@ -28,8 +27,6 @@ TEXT_SIZE = 0.88  # of a font of `gui.drawing` that is as wide as that of the to
 SIZE = 58, 11, 27.7  # width and height of the image, and height of the rest of the dialog, em
 
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
-SHOWN = ("capture.held_out", "Held out: ", "Without masks, so not used: ", "capture.fps")
-"""Of lines about what the image and the fields show, and may differ from by now."""
 
 
 class NewTakeDialog:
@@ -179,7 +176,7 @@ class NewTakeDialog:
         """Show what is known."""
         new, found, dialogs = self._new, self._found, self._dialogs
         inspection, widgets = found.inspection, dialogs.widgets | dialogs.made
-        words = self._error or in_page_words(found.words)
+        words = self._error or found.words
         if found.uses and not self._error:
             words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{words_beside(found)}"
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
@@ -257,9 +254,8 @@ class NewTakeDialog:
 
 
 def words_beside(found: Found) -> str:
-    """What is known about footage besides `SHOWN`."""
-    others = [line for line in found.words.splitlines() if not any(part in line for part in SHOWN)]
-    return in_page_words(" ".join(others))
+    """What is known about footage besides the choices, which the image and the fields show and may change."""
+    return " ".join(line for line in found.words.splitlines() if line not in found.inspection.choices)
 
 
 def _set_items(box: gui.Combobox, items: Sequence[str], chosen: str) -> None:

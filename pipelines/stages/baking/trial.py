@@ -26,7 +26,8 @@ def longest_part(context: Inputs) -> Part:
     files, _ = context.take.trained_files()
     trained = [part for part in planned_parts(context) if part.indices[-1] < len(files)]
     if not trained:
-        raise StudioError("take.not_trained", "no trained group to bake yet", fix="Run Train.")
+        problem, fix = "no trained group to bake yet", "Run `v3studio train`."
+        raise StudioError("take.not_trained", problem, fix=fix, stage="train")
     return max(trained, key=lambda part: len(part.indices))
 
 
