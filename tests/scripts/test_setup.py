@@ -41,7 +41,8 @@ def folder(clone: Path) -> Path:
     (clone / "python3").chmod(0o755)
     (clone / "requirements.lock").write_text(LOCK + "torch==2.13.0 \\\n    --hash=sha256:dd\n")
     (clone / "requirements-dev.lock").write_text("pytest==8.0 \\\n    --hash=sha256:ee\n")
-    (clone / "studio" / "rasterizer").mkdir(parents=True)
+    for package in ("studio/rasterizer", "pipelines", "gui", "v3studio"):
+        (clone / package).mkdir(parents=True)
     (clone / "studio" / "rasterizer" / "a.cpp").write_text("int a;\n")
     for name in ("pyproject.toml", "CMakeLists.txt"):
         (clone / name).write_text(name)

@@ -40,7 +40,7 @@ SIZE = (720, 500)
 
 ANOTHER_STAGE = """
 import sys, types
-for name in [name for name in sys.modules if name.partition(".")[0] in ("gui", "pipelines")]:
+for name in [name for name in sys.modules if name.startswith(("v3studio.gui", "v3studio.pipelines"))]:
     del sys.modules[name]
 from v3studio.pipelines import stages
 another = stages.Stage("another", "Another", "do something", version=1, weight=1, dependencies=("train",))
