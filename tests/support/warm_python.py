@@ -34,7 +34,7 @@ from typing import IO, Any
 _ROOT = Path(__file__).parents[2]
 _LIBRARIES = ("torch.optim", "cv2", "av", "open3d", "pymeshlab", "matplotlib.figure", "scipy.optimize")
 _LIBRARIES += ("rich.progress", "jinja2", "safetensors.torch")
-_PACKAGES = ("studio", "pipelines", "gui")
+_PACKAGES = ("v3studio.studio", "v3studio.pipelines", "v3studio.gui")
 
 
 class WarmProcess:
