@@ -6,8 +6,10 @@ import argparse
 import contextlib
 import logging
 import os
+import select
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +84,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from v3studio.pipelines.share.served import wait_for_first_group
     from v3studio.pipelines.share.serving import Serving
 
-    wait_for_first_group(arguments.source)
+    wait_for_first_group(arguments.source, _stdin_closes if arguments.end_with_stdin else _keep_waiting)
     text = page_text(arguments)
     player = certificate = None
     try:
@@ -133,11 +135,23 @@ def _bound_logs(server: uvicorn.Server) -> None:
 
 
 def _end_with_stdin(server: uvicorn.Server) -> None:
-    """The kernel closes the other end of the pipe when the process that holds it has ended for whatever reason."""
-    with contextlib.suppress(OSError):
-        while os.read(0, 65536):
-            pass
+    while not _stdin_closes():
+        pass
     server.should_exit = True
+
+
+def _stdin_closes(seconds: float | None = None) -> bool:
+    """Wait for standard input, None: as long as it takes, and return whether it has closed. The kernel closes the other
+    end of the pipe when the process that holds it has ended for whatever reason."""
+    try:
+        return bool(select.select([0], [], [], seconds)[0]) and not os.read(0, 65536)
+    except OSError:
+        return True
+
+
+def _keep_waiting(seconds: float) -> bool:
+    time.sleep(seconds)
+    return False
 
 
 def _print(serving: Serving, player: bool) -> None:

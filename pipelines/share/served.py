@@ -1,14 +1,15 @@
 """What a folder has to serve: streams, and takes to review."""
 
+import shlex
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.review.take_review import TakeReview
 from v3studio.pipelines.takes.results.videos import stream_place
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.errors import StudioError
+from v3studio.studio.errors import Cancelled, StudioError
 from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 _LOOK_SECONDS = 1.0  # between two looks for a stream that is yet to be published
@@ -66,15 +67,26 @@ def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
     return found
 
 
-def wait_for_first_group(folder: str) -> None:
-    """Returns when a take that is baked live (`run.live`) has a stream; at once for anything else."""
+def wait_for_first_group(folder: str, stopped: Callable[[float], bool]) -> None:
+    """Return when a take that is baked live (`run.live`) has a stream; at once for anything else.
+
+    `stopped` waits for as many seconds as it is given and returns whether to stop, which raises `Cancelled`. StudioError
+    (`serve.no_run`) when no run is in progress that could make the stream.
+    """
     root = Path(folder).expanduser()
     if not (root / "take.json").is_file():
         return
     take = Take.open(root)
-    manifest = take.stream / MANIFEST_NAME
-    if manifest.is_file() or not take.config.is_file() or not load_config(take.config).run.live:
+    if take.has_stream or not take.config.is_file() or not load_config(take.config).run.live:
         return
     print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
-    while not manifest.is_file():
-        time.sleep(_LOOK_SECONDS)
+    while take.running() is not None:
+        if take.has_stream:
+            return
+        if stopped(_LOOK_SECONDS):
+            raise Cancelled
+    if not take.has_stream:  # the run may have ended just after it made one
+        problem = "there is no stream yet, and no run is in progress"
+        place = shlex.quote(folder)
+        fix = f"`v3studio status {place}` shows what failed; `v3studio run {place} --live` continues."
+        raise StudioError("serve.no_run", problem, file=folder, fix=fix)

@@ -8,6 +8,7 @@ import threading
 import time
 import urllib.parse
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import quote
 
@@ -15,11 +16,13 @@ import pytest
 
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
+from tests.support.tiny_capture import Done
 from tests.support.web_servers import PLAYER, ask, running
+from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.share.page import PageText
-from v3studio.pipelines.share.served import find_streams
+from v3studio.pipelines.share.served import find_streams, wait_for_first_group
 from v3studio.pipelines.share.web_app import build_app
-from v3studio.pipelines.takes.take import TAKE_FORMAT
+from v3studio.pipelines.takes.take import TAKE_FORMAT, Take
 from v3studio.studio.playback import play_headless
 from v3studio.studio.stream import BakeSettings
 
@@ -322,3 +325,12 @@ def test_json_is_compressed_for_clients_that_take_it(port, stream):
     status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip", Range="bytes=0-9")
     assert (status, body) == (206, data[:10])
     assert "content-encoding" not in ask(port, f"/files/{group_files(stream, 3)[0].name}", Accept_Encoding="gzip")[1]
+
+
+def test_a_live_take_is_waited_for_only_while_it_is_made(here: Callable[..., Done], tmp_path: Path) -> None:
+    take = Take.create(tmp_path / "take")
+    take.config.write_text("run: {live: true}\n")
+    with refuses("serve.no_run", file=str(take.root)):
+        wait_for_first_group(str(take.root), lambda seconds: False)
+    with take.locked("v3studio run"):
+        assert here("serve", take.root, "--port", "0", "--end-with-stdin").returncode == EXIT_CANCELLED
