@@ -68,7 +68,8 @@ def register(commands: Any) -> None:
         action="append",
         default=[],
         metavar="ORIGIN",
-        help="let pages of this origin, such as https://example.org, or of all ('*') play the stream; may be repeated",
+        help="let pages of this origin, such as https://example.org, or of all ('*') play the stream and show its page in a "
+        "frame; may be repeated",
     )
     serve.add_argument(
         "--end-with-stdin",

@@ -149,7 +149,8 @@ def serve(
         token: whether to serve below a secret path that is part of the addresses; None: if other machines can reach
             the server.
         allow_hosts: further names of this machine in links, such as "example.org".
-        allow_origins: pages that may read the streams, such as "https://example.org", or "*" for all.
+        allow_origins: pages that may read the streams and show their pages in a frame, such as "https://example.org",
+            or "*" for all.
 
     Returns:
         The server, which accepts connections until it is closed, at the latest until the process ends.

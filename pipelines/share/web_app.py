@@ -77,7 +77,8 @@ def build_app(
         reviews: None for none. Below its secret path, the same is served again, with the takes' reviews.
         secret: part of the path that requests must begin with; "" for none.
         names: of this server, besides addresses and localhost; requests to others are refused.
-        origins: pages of these may read ("https://example.org", or "*").
+        origins: pages of these ("https://example.org", or "*") may read the streams and show the player in a frame, but
+            not the reviews. In a frame, the player tells the page around it the title and what is shown.
         text: of the pages; without a title, it is each stream's own, else its name.
     """
     cors = Middleware(
@@ -88,15 +89,13 @@ def build_app(
         expose_headers=["Accept-Ranges", "Content-Length", "Content-Range", "ETag", "Last-Modified"],
         max_age=86400,
     )
-    shared = "cross-origin" if origins else "same-origin"
     text = text or PageText()
-    routes = _Site(streams, player, {}, shared, text, None).routes()
+    routes = _Site(streams, player, {}, origins, text, None).routes()
     if secret:
         routes = [Mount(f"/{secret}", routes=routes)]
     if reviews is not None:
-        # pages of other origins get no access to reviews
         watching = f"../{secret}/" if secret else "../"
-        review = _Site(streams, player, reviews.takes, "same-origin", text, watching).routes()
+        review = _Site(streams, player, reviews.takes, (), text, watching).routes()
         routes.insert(0, Mount(f"/{reviews.secret}", routes=review))
     return Starlette(routes=routes, middleware=[Middleware(_HostCheck, names=names), *([cors] if origins else [])])
 
@@ -141,12 +140,13 @@ class _HostCheck:
 @dataclass(frozen=True)
 class _Site:
     """The streams with the player, as for `build_app`, with their reviews by the path of their stream, or without.
-    `watching`: where, below "/", the same is served without reviews, which pages copy as a link; None: the pages."""
+    `origins`: whose pages may read and frame what is served, beside its own. `watching`: where, below "/", the same is
+    served without reviews, which pages copy as a link; None: the pages."""
 
     streams: dict[str, Path]
     player: PlayerFiles | None
     reviews: Mapping[str, TakeReview]
-    shared: str
+    origins: Sequence[str]
     text: PageText
     watching: str | None
 
@@ -178,10 +178,16 @@ class _Site:
         text = replace(self.text, title=title)
         return player_page(self.player.page, scripts, MANIFEST_NAME, text, link=link, first=first)
 
+    def answer(self, page: str) -> Response:
+        """A page, which only pages of the allowed origins may show in a frame."""
+        allowed = ("'self'", *self.origins)
+        framing = {"Content-Security-Policy": f"frame-ancestors {' '.join(allowed)}"}
+        return HTMLResponse(page, headers={**_UNCACHED, **framing})
+
     async def _index(self, request: Request) -> Response:
         if self.player is not None and "text/html" in request.headers.get("accept", ""):
             page = self.page("/") if "/" in self.streams else _list_page(self.streams)
-            return HTMLResponse(page, headers=_UNCACHED)
+            return self.answer(page)
         own = request.url  # with the secret part, which base_url lacks
         base = f"{own.scheme}://{own.netloc}{own.path.rpartition('/')[0]}"
         lines = [f"{base}{quote(path.rstrip('/'))}/{MANIFEST_NAME}" for path in self.streams]
@@ -222,7 +228,7 @@ class _StreamFiles(StaticFiles):
         if scope["method"] not in _METHODS:
             raise HTTPException(405, headers={"Allow": ", ".join(_METHODS)})
         if self._site.player is not None and path == ".":
-            return HTMLResponse(self._site.page(self._path), headers=_UNCACHED)
+            return self._site.answer(self._site.page(self._path))
         if not path.endswith(".json") or not _takes_gzip(scope):
             return await super().get_response(path, scope)
         # the manifest and the pages of the index: what a player must have before the first image
@@ -242,7 +248,7 @@ class _StreamFiles(StaticFiles):
         named = HASHED.fullmatch(Path(full_path).name) and Path(full_path).parent.name == "files"
         response.headers["Cache-Control"] = _KEEP if named else "no-cache"
         response.headers["X-Content-Type-Options"] = "nosniff"
-        response.headers["Cross-Origin-Resource-Policy"] = self._site.shared
+        response.headers["Cross-Origin-Resource-Policy"] = "cross-origin" if self._site.origins else "same-origin"
         if isinstance(response, FileResponse):
             kind = TYPES.get(Path(full_path).suffix.lower(), "application/octet-stream")
             response.headers["Content-Type"] = kind

@@ -8,7 +8,7 @@ import threading
 import time
 import urllib.parse
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
@@ -128,6 +128,19 @@ def test_pages_from_elsewhere_may_read(port):
     )  # fmt: skip
     assert status == 200
     assert "Range" in headers["access-control-allow-headers"]
+
+
+@pytest.mark.parametrize(
+    ("origins", "allowed"),
+    [((), "'self'"), (("https://a.example", "https://b.example"), "'self' https://a.example https://b.example")],
+)
+def test_which_pages_may_show_it_in_a_frame(stream: Path, tmp_path: Path, origins: Sequence[str], allowed: str) -> None:
+    shutil.copytree(stream, tmp_path / "one", symlinks=True)
+    for folder, pages in ((stream, ["/"]), (tmp_path, ["/", "/one/"])):
+        with running(build_app(find_streams(str(folder)), PLAYER, origins=origins)) as port:
+            for page in pages:
+                headers = ask(port, page, Accept=BROWSER)[1]
+                assert headers["content-security-policy"] == f"frame-ancestors {allowed}"
 
 
 @pytest.mark.parametrize(

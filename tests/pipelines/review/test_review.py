@@ -206,6 +206,14 @@ def test_other_pages_cannot_write(port: int, take: Take) -> None:
     assert not take.marks.exists()
 
 
+def test_other_pages_cannot_frame_a_review(take: Take) -> None:
+    streams = find_streams(str(take.root))
+    with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)), origins=["*"])) as port:
+        for page, allowed in ((f"/{SECRET}/", "'self'"), ("/", "'self' *")):
+            headers = ask(port, page, Accept="text/html")[1]
+            assert headers["content-security-policy"] == f"frame-ancestors {allowed}"
+
+
 def test_figures_of_an_earlier_stream_are_told(take: Take) -> None:
     records = (take.record("bake"), take.record("evaluate"))
     try:
