@@ -28,6 +28,7 @@ from v3studio.pipelines.commands.common.arguments import (
 from v3studio.pipelines.events import Finished, as_message
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.events.event_log import JsonLines
+from v3studio.pipelines.reports.terminal import say
 from v3studio.pipelines.stages import STAGE_NAMES
 from v3studio.studio.atomic_files import PARTIAL
 from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
@@ -147,7 +148,7 @@ def _refused(error: StudioError) -> tuple[int, Message]:
     them, else 1."""
     from v3studio.studio.settings import COMMAND_LINE, OVERRIDES
 
-    print(f"error: {error}", file=sys.stderr)
+    say(f"error: {error}", error=True)
     places = {mistake.get("file") for mistake in error.fields.get("mistakes", ())} or {error.file}
     usage = error.code.startswith("command.") or places <= {COMMAND_LINE, OVERRIDES}
     return 2 if usage else 1, error.message

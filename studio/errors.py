@@ -8,13 +8,13 @@ traceback.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from v3studio.studio.json_types import JsonObject
+from v3studio.studio.shown_text import visible
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 MAX_LENGTH = 2000
 """Maximum length of a text in characters. Longer ones are truncated, because they may contain file contents."""
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _ENDS = (".", "!", "?", ":")
 
 
@@ -64,10 +63,10 @@ class Message:
     fields: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """`FILE: problem. Fix.`, without control characters and at most `MAX_LENGTH` characters long."""
+        """`FILE: problem. Fix.`, made `visible` and at most `MAX_LENGTH` characters long."""
         text = f"{os.fspath(self.file)}: {self.problem}" if self.file is not None else self.problem
         parts = [_sentence(part) for part in (text, self.fix) if part]
-        text = _CONTROL.sub("?", shown(" ".join(parts)))
+        text = visible(shown(" ".join(parts)))
         return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 1] + "…"
 
     def to_dict(self) -> JsonObject:
@@ -144,7 +143,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in list(value.items())[:100]}
     text = os.fspath(value) if isinstance(value, os.PathLike) else str(value)
-    return _CONTROL.sub("?", text)[:MAX_LENGTH]
+    return visible(text)[:MAX_LENGTH]
 
 
 def reason_of(error: Exception) -> str:

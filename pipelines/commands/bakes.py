@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command
+from v3studio.pipelines.reports.terminal import say
 
 if TYPE_CHECKING:
     from v3studio.pipelines.takes.take import Take
@@ -49,7 +50,7 @@ def _list(arguments: argparse.Namespace) -> None:
     if arguments.json:
         return
     if not found:
-        print("No bakes are kept. `v3studio bake keep TAKE NAME` keeps the stream.")
+        say("No bakes are kept. `v3studio bake keep TAKE NAME` keeps the stream.")
         return
     shown = table_of("name", "quality", "MB", "KB/frame", "PSNR", "baked", "", left=(0, 1, 5, 6))
     for kept in found:

@@ -7,6 +7,7 @@ from typing import Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, invalid_option, print_text
 from v3studio.pipelines.commands.common.source import add_source, read_settings
+from v3studio.pipelines.reports.terminal import say
 
 
 def register(commands: Any) -> None:
@@ -104,16 +105,16 @@ def _sync(arguments: argparse.Namespace) -> None:
         return
     for name, offset in report.offsets.items():
         if report.method == "timecode":
-            print(f"{name}: {offset:+.0f} frames (timecode {report.timecodes[name]})")
+            say(f"{name}: {offset:+.0f} frames (timecode {report.timecodes[name]})")
         else:
-            print(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
+            say(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
     for warning in report.warnings():
-        print(warning)
+        say(warning)
     if not report.warnings():
-        print(f"All cameras are within half a frame of each other (method: {report.method}).")
+        say(f"All cameras are within half a frame of each other (method: {report.method}).")
     elif report.whole:
         words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())
-        print(f"capture: {{offsets: {{{words}}}}}")
+        say(f"capture: {{offsets: {{{words}}}}}")
 
 
 def _colors(arguments: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
 from v3studio.pipelines.commands.common.working import working
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError, shown
 from v3studio.studio.progress import ProgressFn
@@ -73,7 +74,7 @@ def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
     arguments.result = {"footage": found, "problems": problems}
     if not arguments.json:
         images = counted(len(footage.frames) * len(footage.camera_names), "image")
-        print("\n".join([*found, *problems, f"{images} checked, {len(problems) or 'no'} problems"]))
+        say("\n".join([*found, *problems, f"{images} checked, {len(problems) or 'no'} problems"]))
     return 1 if problems else 0
 
 
@@ -99,25 +100,25 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
         return 1 if found.damage else 0
     for damage in found.damage:
         detail = f" ({damage.detail})" if damage.detail else ""
-        print(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}{detail}")
-    print(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
+        say(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}{detail}")
+    say(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.unchecked:
-        print(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
+        say(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
     name = shlex.quote(str(folder))
     unmade = [damage.file for damage in found.damage if not damage.stage]
     lost = sorted({file.split("/")[1] for file in unmade if file.startswith("bakes/")})
     if lost:
         names = " ".join(shlex.quote(str(take.bakes / one)) for one in lost)
-        print(f"Damaged kept bakes are not made again by a run. To remove them: rm -r {names}")
+        say(f"Damaged kept bakes are not made again by a run. To remove them: rm -r {names}")
     if own := [file for file in unmade if not file.startswith("bakes/")]:
-        print(
+        say(
             f"Not made by a run: {', '.join(own)}. Copy back a backup, or move what is damaged elsewhere to start over."
         )
     for line in dict.fromkeys(_assumed(take)):
-        print(line)
+        say(line)
     if any(damage.stage for damage in found.damage):
         first = "" if arguments.remove else f"v3studio check {name} --remove && "
-        print(f"To make them again: {first}v3studio run {name}")
+        say(f"To make them again: {first}v3studio run {name}")
     return 1 if found.damage else 0
 
 
@@ -155,8 +156,8 @@ def _check_stream(arguments: argparse.Namespace) -> int:
     for damage in found.damage:
         numbers = ", ".join(map(str, damage.groups))
         where = f" (group{'s' * (len(damage.groups) > 1)} {numbers})" if numbers else ""
-        print(f"{damage.file}{where}: {damage.problem}")
-    print(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
+        say(f"{damage.file}{where}: {damage.problem}")
+    say(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
     if found.damage:
-        print("To repair it: copy the stream again, or bake it again (v3studio bake TAKE --force).")
+        say("To repair it: copy the stream again, or bake it again (v3studio bake TAKE --force).")
     return 1 if found.damage else 0

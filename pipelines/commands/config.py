@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from v3studio.pipelines.commands.common.arguments import add_command, add_settings, invalid_option, nearest, print_text
+from v3studio.pipelines.commands.common.arguments import add_command, add_settings, invalid_option, nearest
 from v3studio.pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
@@ -53,4 +53,5 @@ def _config(arguments: argparse.Namespace) -> None:
     whole = not sections and not arguments.changed
     text = describe(config, None if whole else names) if names else "# All settings have their defaults.\n"
     arguments.result = {"settings": parse_yaml(text) or {}}
-    print_text(arguments, text.rstrip())
+    if not arguments.json:
+        print(text.rstrip())  # byte for byte, since it becomes a file

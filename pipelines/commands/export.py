@@ -21,6 +21,7 @@ from v3studio.pipelines.commands.common.arguments import (
 )
 from v3studio.pipelines.commands.common.working import say_note, working
 from v3studio.pipelines.outputs import replacing
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.formats import EXPORTS, USD_SUFFIXES
@@ -162,7 +163,7 @@ def _export(arguments: argparse.Namespace) -> None:
             count, more = video.frame_count, write(noting, arguments, progress)
             notes = [_dilation_note(seen), _place_note(video, arguments)]
     if not arguments.json:
-        print(f"{arguments.out}: {counted(count, 'frame')}{more}")
+        say(f"{arguments.out}: {counted(count, 'frame')}{more}")
     for note in filter(None, notes):
         say_note(arguments, note)
     arguments.result = {"path": str(arguments.out.absolute()), "format": arguments.format, "frames": count}
@@ -262,7 +263,7 @@ def _whole_stream(arguments: argparse.Namespace) -> None:
             size = write_archive(reader, temporary, progress)
         frames = reader.frame_count
     if not arguments.json:
-        print(f"{arguments.out}: {counted(frames, 'frame')}, {size:,} bytes")
+        say(f"{arguments.out}: {counted(frames, 'frame')}, {size:,} bytes")
     arguments.result = {"path": str(arguments.out.absolute()), "format": "v3", "frames": frames, "bytes": size}
 
 

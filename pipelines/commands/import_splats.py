@@ -13,6 +13,7 @@ from v3studio.pipelines.commands.common.arguments import (
 )
 from v3studio.pipelines.commands.common.working import say_note, working
 from v3studio.pipelines.outputs import replacing
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.counts import counted
 
 
@@ -75,7 +76,7 @@ def _import(arguments: argparse.Namespace) -> None:
     }
     if not arguments.json:
         frames, groups = counted(manifest.frame_count, "frame"), counted(len(manifest.frame_counts), "group")
-        print(f"{arguments.out}: {frames} in {groups}, {manifest.total_bytes:,} bytes")
+        say(f"{arguments.out}: {frames} in {groups}, {manifest.total_bytes:,} bytes")
 
 
 def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:

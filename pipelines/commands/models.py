@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from v3studio.pipelines.commands.common.arguments import add_command
+from v3studio.pipelines.reports.terminal import say
 
 
 def register(commands: Any) -> None:
@@ -24,11 +25,11 @@ def _list(arguments: argparse.Namespace) -> None:
     if arguments.json:
         return
     for model in MODELS:
-        print(f"{model.name}: {model.purpose}")
-        print(f"  size      {model.size / 1e6:.1f} MB")
-        print(f"  license   {model.license}")
-        print(f"  source    {model.package}")
-        print(f"  SHA-256   {model.sha256}")
+        say(f"{model.name}: {model.purpose}")
+        say(f"  size      {model.size / 1e6:.1f} MB")
+        say(f"  license   {model.license}")
+        say(f"  source    {model.package}")
+        say(f"  SHA-256   {model.sha256}")
 
 
 def _get(arguments: argparse.Namespace) -> None:
@@ -40,5 +41,5 @@ def _get(arguments: argparse.Namespace) -> None:
     settings = {"capture": {"mask_model": f"{model.kind}:{file.resolve()}"}}
     arguments.result = {"path": str(file.absolute()), **settings}
     if not arguments.json:
-        print(f"{file}: {model.license}. Settings:")
+        say(f"{file}: {model.license}. Settings:")
         print(dump_yaml(settings), end="")

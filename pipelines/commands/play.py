@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, add_frames, invalid_option
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -63,9 +63,9 @@ def _play(arguments: argparse.Namespace) -> int:
     arguments.result = report.to_dict()
     if not arguments.json:
         print_playback(report)
-        print(f"To watch it: v3studio-gui {shlex.quote(arguments.stream)}")
+        say(f"To watch it: v3studio-gui {shlex.quote(arguments.stream)}")
     for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        say(f"warning: {warning}", error=True)
     return 1 if warnings else 0
 
 

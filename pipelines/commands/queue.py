@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, print_text
 from v3studio.pipelines.commands.common.source import add_source, is_take, read_settings
+from v3studio.pipelines.reports.terminal import say
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -82,7 +83,7 @@ def _list(arguments: argparse.Namespace) -> None:
     if arguments.json:
         return
     if not found.takes:
-        print("The queue is empty.")
+        say("The queue is empty.")
         return
     shown = table_of("number", "state", "progress", "take", "added", "ended", "message", left=(1, 2, 3, 4, 5, 6))
     is_run = queue.is_run()
@@ -95,7 +96,7 @@ def _list(arguments: argparse.Namespace) -> None:
         )
     console().print(shown)
     if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):
-        print("The queue is not running; `v3studio queue run` starts it.")
+        say("The queue is not running; `v3studio queue run` starts it.")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -116,13 +117,13 @@ def _run(arguments: argparse.Namespace) -> int:
     bars = ExitStack()
     show: Emit = arguments.emit
 
-    def say(entry: QueuedTake, words: str) -> None:
+    def tell(entry: QueuedTake, words: str) -> None:
         text = f"take {entry.number}: {words}"
-        arguments.emit(Log(message=text)) if arguments.json else print(f"== {text}", flush=True)
+        arguments.emit(Log(message=text)) if arguments.json else say(f"== {text}")
 
     def starts(entry: QueuedTake) -> None:
         nonlocal show
-        say(entry, str(entry.take))
+        tell(entry, str(entry.take))
         if not arguments.json:
             show = bars.enter_context(Bars())
 
@@ -132,7 +133,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     def ended(entry: QueuedTake) -> None:
         bars.close()
-        say(entry, f"{entry.state}{f' ({entry.message})' if entry.message else ''}")
+        tell(entry, f"{entry.state}{f' ({entry.message})' if entry.message else ''}")
 
     with bars:
         done, failed = run_queue(_file(arguments), starts, emit, ended, check=stopped.check)

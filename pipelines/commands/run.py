@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
 from v3studio.pipelines.commands.common.source import add_preset, add_source, is_take, read_settings
+from v3studio.pipelines.reports.terminal import say
 from v3studio.pipelines.stages import STAGE_NAMES, STAGES
 from v3studio.studio.errors import StudioError
 from v3studio.studio.memory import require_memory
@@ -145,9 +146,9 @@ def _detach(arguments: argparse.Namespace, take: Take, config: Config) -> None:
     if arguments.json:
         return
     if run.code is not None:
-        print(f"Everything is up to date (process {run.pid} on {run.host} has ended).")
+        say(f"Everything is up to date (process {run.pid} on {run.host} has ended).")
         return
     place = shlex.quote(str(arguments.take))
-    print(f"Running in the background (process {run.pid} on {run.host}).")
-    print(f"Show it: v3studio status {place}")
-    print(f"Stop it: v3studio cancel {place}")
+    say(f"Running in the background (process {run.pid} on {run.host}).")
+    say(f"Show it: v3studio status {place}")
+    say(f"Stop it: v3studio cancel {place}")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
 from v3studio.pipelines.commands.share import add_first_options, page_text
 from v3studio.pipelines.events import Serving as ServingEvent
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
@@ -68,8 +69,8 @@ def register(commands: Any) -> None:
         action="append",
         default=[],
         metavar="ORIGIN",
-        help="let pages of this origin, such as https://example.org, or of all ('*') play the stream and show its page in a "
-        "frame; may be repeated",
+        help="let pages of this origin, such as https://example.org, or of all ('*') play the stream and show its page "
+        "in a frame; may be repeated",
     )
     serve.add_argument(
         "--end-with-stdin",
@@ -91,7 +92,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     try:
         player = read_player()
     except StudioError as error:
-        print(f"warning: {error} Streams are served without it.", file=sys.stderr)
+        say(f"warning: {error} Streams are served without it.", error=True)
     if arguments.certificate is not None:
         certificate = load_certificate(arguments.certificate, arguments.key)
     elif arguments.key is not None:
@@ -180,7 +181,7 @@ def _print(serving: Serving, player: bool) -> None:
         )
     if serving.is_secret:
         lines.append("The link is secret: without all of it nothing is served; --no-token serves to everybody.")
-    print("\n".join(lines), flush=True)
+    say("\n".join(lines))
     if player and not serving.is_local and sys.stdout.isatty():
         from v3studio.pipelines.share.addresses import qr_text
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 from v3studio.pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option
 from v3studio.pipelines.commands.common.working import working
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.counts import counted
 
 if TYPE_CHECKING:
@@ -104,15 +105,15 @@ def _share(arguments: argparse.Namespace) -> None:
     if arguments.json:
         return
     parts = f"stream {shared.stream_bytes:,}, player {shared.player_bytes:,}, poster {shared.poster_bytes:,}"
-    print(f"{arguments.out}: {counted(shared.files, 'file')}, {shared.total_bytes:,} bytes ({parts})")
+    say(f"{arguments.out}: {counted(shared.files, 'file')}, {shared.total_bytes:,} bytes ({parts})")
     if shared.form == "single-file":
-        print("Open it in a browser.")
+        say("Open it in a browser.")
     else:
         folder = shlex.quote(str(arguments.out))
-        print(f"To look at it: python3 -m http.server --directory {folder}    then open http://localhost:8000/")
-        print("Phones decode fastest from https:// addresses.")
+        say(f"To look at it: python3 -m http.server --directory {folder}    then open http://localhost:8000/")
+        say("Phones decode fastest from https:// addresses.")
         if arguments.address is not None:
-            print(f"To embed it: {iframe(arguments.address)}")
+            say(f"To embed it: {iframe(arguments.address)}")
 
 
 def _publish(arguments: argparse.Namespace) -> None:
@@ -127,9 +128,9 @@ def _publish(arguments: argparse.Namespace) -> None:
     arguments.result = {"path": path, **asdict(done)}
     if not arguments.json:
         copied = f"{counted(done.copied, 'file')} copied ({done.bytes:,} bytes)"
-        print(f"{arguments.target}: {copied}, {done.present} there already")
+        say(f"{arguments.target}: {copied}, {done.present} there already")
         alone = "This is the stream alone; --page adds a page that plays it."
-        print(f"{PAGE_NAME} there plays it." if arguments.page else alone)
+        say(f"{PAGE_NAME} there plays it." if arguments.page else alone)
 
 
 def iframe(address: str) -> str:

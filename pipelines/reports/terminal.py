@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from v3studio.studio.shown_text import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
 
+def say(text: str, *, error: bool = False) -> None:
+    """Print text for people, made `visible`, to standard output or standard error."""
+    print(visible(text), file=sys.stderr if error else sys.stdout, flush=True)
+
+
 def console() -> Console:
-    """A rich console as wide as the terminal; 120 columns if there is none."""
+    """A rich console as wide as the terminal, 120 columns if there is none, that prints text made `visible`."""
     from rich.console import Console
 
-    return Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
+    class Screen(Console):
+        def print(self, *objects: Any, **options: Any) -> None:
+            super().print(*(visible(item) if isinstance(item, str) else item for item in objects), **options)
+
+    return Screen(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
 
 
 def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
@@ -30,10 +41,10 @@ def table_of(*columns: str, left: tuple[int, ...] = ()) -> Table:
 
 
 def escaped(text: str) -> str:
-    """Text with rich's markup escaped."""
+    """Text made `visible`, with rich's markup escaped."""
     from rich.markup import escape
 
-    return escape(text)
+    return escape(visible(text))
 
 
 def duration(seconds: float) -> str:

@@ -6,7 +6,6 @@ The caller decides who reaches them: `v3studio serve --review` puts them below a
 import asyncio
 import hashlib
 import re
-import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -17,6 +16,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
+from v3studio.pipelines.reports.terminal import say
 from v3studio.pipelines.review.messages import MarkChange, MarkList
 from v3studio.pipelines.review.take_review import TakeReview
 from v3studio.studio.errors import StudioError
@@ -58,7 +58,7 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
                 return await run_in_threadpool(make, *given)
             except StudioError as error:
                 if error.code not in _STATUS:  # details concern this machine only
-                    print(f"warning: {error}", file=sys.stderr, flush=True)
+                    say(f"warning: {error}", error=True)
                 raise HTTPException(_STATUS.get(error.code, 500)) from None
 
     async def data(request: Request) -> Response:
@@ -82,7 +82,7 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
         except StudioError as error:
             status = _STATUS.get(error.code, 500)
             if status == 500:
-                print(f"warning: {error}", file=sys.stderr, flush=True)
+                say(f"warning: {error}", error=True)
             return answer(await run_in_threadpool(_refused, review, error), status)
         if request.headers.get("if-none-match") == found.headers["etag"]:
             return Response(status_code=304, headers={**_PRIVATE, "ETag": found.headers["etag"]})

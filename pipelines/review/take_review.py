@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from contextlib import suppress
 from functools import cached_property
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from v3studio.pipelines.reports.terminal import say
 from v3studio.pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
 from v3studio.pipelines.stages.compared_view import compared_cameras, performer_over
 from v3studio.pipelines.stages.inputs import Inputs
@@ -145,7 +145,7 @@ class TakeReview:
         try:
             return self._settings.trained_footage
         except StudioError as error:
-            print(f"warning: {error} The review continues without the footage.", file=sys.stderr, flush=True)
+            say(f"warning: {error} The review continues without the footage.", error=True)
             return None
 
     def _curves(self, evaluation: Evaluation) -> QualityCurves:

@@ -20,6 +20,7 @@ from v3studio.pipelines.reports.terminal import console, duration, escaped
 from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.studio.counts import counted
 from v3studio.studio.process import NativeLines
+from v3studio.studio.shown_text import visible
 
 MOST_ALIKE = 3  # warnings of one kind that are printed for a stage
 
@@ -117,7 +118,7 @@ class Bars:
             self._stage = None
 
     def _progress(self, event: Progress) -> None:
-        note = _note(event)
+        note = visible(_note(event))
         if self._stage is not None:
             self._bars.update(self._stage, completed=event.fraction, left=_left(event.seconds_left), note=note)
         if self._total is not None:

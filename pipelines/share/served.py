@@ -1,11 +1,11 @@
 """What a folder has to serve: streams, and takes to review."""
 
 import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from v3studio.pipelines.config import load_config
+from v3studio.pipelines.reports.terminal import say
 from v3studio.pipelines.review.take_review import TakeReview
 from v3studio.pipelines.takes.results.videos import stream_place
 from v3studio.pipelines.takes.take import Take
@@ -36,12 +36,12 @@ def find_streams(folder: str) -> dict[str, Path]:
         if not path.name.startswith(".") and (stream / MANIFEST_NAME).is_file():
             shown = str(path).encode("utf-8", "backslashreplace").decode()
             if not shown.endswith(path.name):
-                print(f"warning: {shown}: not served, since its name is not UTF-8. Rename it.", file=sys.stderr)
+                say(f"warning: {shown}: not served, since its name is not UTF-8. Rename it.", error=True)
                 continue
             if not stream.resolve().is_relative_to(place.resolve()):
-                print(
+                say(
                     f"warning: {path}: not served, since it is a link out of this folder. Move what it links to here.",
-                    file=sys.stderr,
+                    error=True,
                 )
                 continue
             found[f"/{path.name}"] = stream
@@ -70,8 +70,8 @@ def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
 def wait_for_first_group(folder: str, stopped: Callable[[float], bool]) -> None:
     """Return when a take that is baked live (`run.live`) has a stream; at once for anything else.
 
-    `stopped` waits for as many seconds as it is given and returns whether to stop, which raises `Cancelled`. StudioError
-    (`serve.no_run`) when no run is in progress that could make the stream.
+    `stopped` waits for as many seconds as it is given and returns whether to stop, which raises `Cancelled`.
+    StudioError (`serve.no_run`) when no run is in progress that could make the stream.
     """
     root = Path(folder).expanduser()
     if not (root / "take.json").is_file():
@@ -79,7 +79,7 @@ def wait_for_first_group(folder: str, stopped: Callable[[float], bool]) -> None:
     take = Take.open(root)
     if take.has_stream or not take.config.is_file() or not load_config(take.config).run.live:
         return
-    print(f"{folder}: waiting for the first group to be trained and baked", file=sys.stderr)
+    say(f"{folder}: waiting for the first group to be trained and baked", error=True)
     while take.running() is not None:
         if take.has_stream:
             return

@@ -29,8 +29,8 @@ from v3studio.pipelines.share.page import PageText, first_files, player_page, sc
 from v3studio.pipelines.share.player_files import PlayerFiles
 from v3studio.pipelines.share.stream_to_share import name_of
 from v3studio.studio.bounded_files import parse_json
+from v3studio.studio.shown_text import plain_text, visible
 from v3studio.studio.stream.manifest import MANIFEST_NAME
-from v3studio.studio.stream.metadata import plain_text
 
 TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}
 """Content types by suffix; others are application/octet-stream."""
@@ -297,5 +297,5 @@ def _list_page(streams: dict[str, Path]) -> str:
     """Links to the pages of several streams."""
     template = Path(__file__).with_name("streams.html").read_text(encoding="utf-8")
     names = [path.removeprefix("/") for path in streams]
-    links = [f'<li><a href="{escape(quote(name))}/">{escape(name)}</a></li>' for name in names]
+    links = [f'<li><a href="{escape(quote(name))}/">{escape(visible(name))}</a></li>' for name in names]
     return template.replace("<!-- v3:streams -->", "\n".join(links))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
@@ -13,6 +12,7 @@ import numpy as np
 from v3studio.studio.cameras import Camera
 from v3studio.studio.coverage import ViewRange
 from v3studio.studio.json_types import JsonObject
+from v3studio.studio.shown_text import plain_text
 from v3studio.studio.similarity import Similarity
 
 Triple = tuple[float, float, float]
@@ -20,14 +20,6 @@ Triple = tuple[float, float, float]
 _DECIMALS = 9  # of poses and directions; further ones depend on the kernels that BLAS chooses for a processor
 MOST_FRAMES = 10_000_000  # largest `CapturePlace.first_frame` that is believed
 TEXTS = ("title", "credits", "license", "description")  # entries that are shown as text
-
-_CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-
-
-def plain_text(text: str) -> str:
-    """Text for one line: white space becomes single spaces; control and bidirectional characters, with which a title
-    could look like another one, are removed. Joiners, which emoji and some scripts need, stay."""
-    return " ".join(_CONTROLS.sub("", " ".join(text.split())).split())
 
 
 def with_plain_texts(values: Mapping[str, Any]) -> JsonObject:

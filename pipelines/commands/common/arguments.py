@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.capture.frame_range import parse_frame_range
 from v3studio.studio.errors import StudioError
 
@@ -45,7 +46,7 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Called by argparse. Raises WrongUsage."""
         self.print_usage(sys.stderr)
-        print(f"{self.prog}: error: {message}", file=sys.stderr)
+        say(f"{self.prog}: error: {message}", error=True)
         raise WrongUsage(message)
 
     def refuse(self, words: Sequence[str], meant: str = "") -> NoReturn:
@@ -123,7 +124,7 @@ def long_settings_as_set(arguments: Sequence[str], parser: CommandParser) -> lis
 def print_text(arguments: argparse.Namespace, text: str) -> None:
     """Print text for people: nothing with `--json`, where `arguments.result` is for programs."""
     if text and not arguments.json:
-        print(text)
+        say(text)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from v3studio.pipelines.events import Log, Progress
 from v3studio.pipelines.events.cancellation import Cancellation, stop_on_signals
+from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.progress import ProgressFn
 
 _JSON_SECONDS = 0.2  # between lines
@@ -18,7 +19,7 @@ def say_note(arguments: argparse.Namespace, text: str) -> None:
     if arguments.json:
         arguments.emit(Log(message=text))
     else:
-        print(f"note: {text}")
+        say(f"note: {text}")
 
 
 @contextmanager

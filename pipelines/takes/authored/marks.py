@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from v3studio.pipelines.takes.files.json_files import Result, read_json, validated, write_model
 from v3studio.pipelines.takes.files.locks import changing
 from v3studio.studio.errors import StudioError
-from v3studio.studio.stream.metadata import plain_text
+from v3studio.studio.shown_text import plain_text
 
 MAX_NOTE, MAX_AUTHOR = 2000, 80  # longest note and name, in characters
 MAX_MARKS = 2000  # most marks of a take
@@ -100,7 +100,7 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
 
 
 def plain_note(text: str) -> str:
-    """`studio.stream.metadata.plain_text`, without characters that no font has."""
+    """`plain_text`, without characters that no font has."""
     return "".join(one for one in plain_text(text) if unicodedata.category(one) not in ("Cs", "Co", "Cn")).strip()
 
 

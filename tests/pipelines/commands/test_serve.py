@@ -251,6 +251,18 @@ def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
                 assert ask(port, "/a", Accept=BROWSER)[0] == 307
 
 
+def test_names_in_the_list_of_streams_look_like_themselves(tmp_path: Path) -> None:
+    (tmp_path / "a_\u202eexe").mkdir()
+    (tmp_path / "a_\u202eexe" / "manifest.json").write_bytes(b"{}")
+    with running(build_app(find_streams(str(tmp_path)), PLAYER)) as port:
+        listed = ask(port, "/", Accept=BROWSER)[2].decode()
+        assert ">a_?exe</a>" in listed
+        link = listed.partition('<a href="')[2].partition('"')[0]
+        assert ask(port, f"/{link}manifest.json")[2] == b"{}"
+        page = ask(port, f"/{link}", Accept=BROWSER)[2].decode()
+        assert "\u202e" not in listed + page
+
+
 def test_a_port_that_is_taken(here, stream):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         here("serve", stream, "--port", taken.getsockname()[1]).fails("is in use. Specify another one with --port.")
