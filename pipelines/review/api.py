@@ -29,6 +29,7 @@ AT_ONCE = 2  # pictures and figures that are computed at the same time; the othe
 _STATUS = {
     "take.mark_changed": 409,
     "take.mark_too_long": 413,
+    "take.mark_too_far": 400,
     "take.too_many_marks": 409,
     "review.no_frame": 404,
     "review.no_camera": 404,
@@ -101,7 +102,7 @@ def _refused(review: TakeReview, error: StudioError) -> MarkList:
     try:
         return MarkList(marks=review.marks(), problem=f"{problem}.")
     except StudioError:
-        return MarkList(marks=(), problem=f"{problem}.")
+        return MarkList(marks=None, problem=f"{problem}.")
 
 
 async def _change(request: Request) -> MarkChange:

@@ -72,5 +72,5 @@ class MarkChange(_Message):
 class MarkList(_Message):
     """Answer to GET and POST of `.review/marks`."""
 
-    marks: tuple[Mark, ...]  # in the order of their frames
+    marks: tuple[Mark, ...] | None  # in the order of their frames; None: they cannot be read
     problem: str | None = None  # why a change was refused, a sentence

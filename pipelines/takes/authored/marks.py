@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import unicodedata
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from v3studio.pipelines.takes.files.json_files import Result, read_json, validated, write_model
 from v3studio.pipelines.takes.files.locks import changing
@@ -18,14 +19,18 @@ from v3studio.studio.shown_text import plain_text
 
 MAX_NOTE, MAX_AUTHOR = 2000, 80  # longest note and name, in characters
 MAX_MARKS = 2000  # most marks of a take
+MAX_POSITION = 1e9  # largest magnitude of a coordinate, as in streams
 MAX_FILE_BYTES = 32_000_000  # larger files are refused; `MAX_MARKS` notes of `MAX_NOTE` characters take less
+
+Coordinate = Annotated[float, Field(ge=-MAX_POSITION, le=MAX_POSITION)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class MarkView(Result):
     """From where a frame was looked at when it was marked, and what was compared. World coordinates of the take."""
 
-    eye: tuple[float, float, float]  # position of the viewer
-    target: tuple[float, float, float]  # the point looked at, not that of the viewer
+    eye: Point  # position of the viewer
+    target: Point  # the point looked at, not that of the viewer
     fov: float = Field(gt=0, lt=180)  # vertical field of view of that window, degrees
     camera: str = Field(default="", max_length=200)  # the capture camera that was looked through; "" for a free view
 
@@ -33,7 +38,7 @@ class MarkView(Result):
     """Position of the line between footage (left) and splats; None: they were not compared."""
 
     whole: bool = False  # whether the whole image of `camera` was shown, not only the performer
-    place: tuple[float, float, float] | None = None  # the point that the note is about; None: the whole image
+    place: Point | None = None  # the point that the note is about; None: the whole image
 
     @model_validator(mode="after")
     def _has_direction(self) -> MarkView:
@@ -75,8 +80,9 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
     the file. Note and author are made plain (`plain_note`). `replaces`: the frame's mark when the change was begun;
     None for none.
 
-    StudioError if it is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), one too many
-    (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be written (`take.disk_full`,
+    A change that has been made already, which a sender who got no answer repeats, changes nothing. StudioError if the
+    mark is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), of a view too far away
+    (`take.mark_too_far`), one too many (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be written (`take.disk_full`,
     `take.not_writable`).
     """
     if mark is not None:
@@ -84,6 +90,8 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
     with changing(path):
         found = _read(path)
         marks = {one.frame: one for one in found.marks}
+        if marks.get(frame) == mark:
+            return marks
         if _content(marks.get(frame)) != _content(replaces):
             problem = f"the mark of frame {frame} was changed in the meantime"
             fix = "Look at it, then change it again."
@@ -114,7 +122,11 @@ def _plain(path: Path, mark: Mark) -> Mark:
     if mark.view is not None:
         # of what a browser has sent, only what is known
         view = mark.view.model_dump(include=set(MarkView.model_fields))
-        values["view"] = MarkView.model_validate({**view, "camera": plain_note(mark.view.camera)})
+        try:
+            values["view"] = MarkView.model_validate({**view, "camera": plain_note(mark.view.camera)})
+        except ValidationError:
+            problem = f"the view of frame {mark.frame} is too far away"
+            raise StudioError("take.mark_too_far", problem, file=path, fix="Move closer.") from None
     return Mark.model_validate(values)
 
 

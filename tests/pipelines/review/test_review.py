@@ -3,13 +3,14 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import ANY
 
 import cv2
 import numpy as np
 import pytest
 
 from tests.support.errors import refuses
-from tests.support.streams import bake_numbered
+from tests.support.streams import bake_numbered, edit_manifest
 from tests.support.tiny_capture import FRAMES, SETTINGS, write_capture
 from tests.support.web_servers import PLAYER, ask, running
 from v3studio.pipelines.config import dump_config, load_config
@@ -21,6 +22,7 @@ from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.results.records import StageRecord
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.similarity import Similarity
 from v3studio.studio.stream import BakeSettings
 
 SECRET = "k3y"
@@ -150,14 +152,49 @@ def test_marks_are_written_to_the_take_as_plain_text(port: int, take: Take) -> N
 VIEW = {"eye": [0.0, -3.5, 1.0], "target": [0.0, 0.0, 1.0], "fov": 40.0, "camera": "cam4", "wipe": 0.25, "whole": True}
 VIEW |= {"place": [0.1, 0.0, 1.3]}
 NO_EYES = ({"eye": VIEW["target"]}, {"eye": [0, 1]}, {"eye": None}, {"place": [0, 1]})
+FAR = ({"eye": [1e308, 0, 0]}, {"target": [0, -1.1e9, 0]}, {"place": [0, 0, 1e10]})
 
 
-@pytest.mark.parametrize("values", [*NO_EYES, {"fov": 0}, {"fov": 180.0}, {"wipe": 1.5}, {"camera": "c" * 300}])
+@pytest.mark.parametrize("values", [*NO_EYES, *FAR, {"fov": 0}, {"fov": 180.0}, {"wipe": 1.5}, {"camera": "c" * 300}])
 def test_views_that_cannot_be_looked_from_are_refused(port: int, take: Take, values: dict[str, Any]) -> None:
     change = mark(1, "x")
     change["mark"]["view"] = {**VIEW, **values}
     assert send(port, change)[0] == 400
     assert not take.marks.exists()
+
+
+def test_a_view_too_far_for_the_world_of_the_take_is_refused(take: Take, port: int, tmp_path: Path) -> None:
+    """The stream's world is a billionth of the take's."""
+    shutil.copytree(take.root, tmp_path / "take")
+    place = {"first_frame": 0, **Similarity(scale=1e-9).to_json()}
+    edit_manifest(tmp_path / "take" / "stream", lambda values: values["metadata"].update(capture=place))
+    streams = find_streams(str(tmp_path / "take"))
+    with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)))) as port:
+        change = mark(1, "x")
+        change["mark"]["view"] = VIEW
+        assert send(port, change)[0] == 400
+        assert json.loads(ask(port, f"{BASE}/marks")[2]) == {"marks": [], "problem": None}
+
+
+def test_a_change_sent_again_after_a_lost_answer_is_accepted(port: int, take: Take) -> None:
+    first = mark(2, "first")
+    first["mark"]["view"] = VIEW
+    second = mark(2, "second", {"note": "first", "author": "Anna"})
+    removed = mark(2, None, {"note": "second", "author": "Anna"})
+    for change in (first, second, removed):
+        once = send(port, change)
+        written = take.marks.stat()
+        assert (once[0], send(port, change)) == (200, once)
+        assert take.marks.stat().st_mtime_ns == written.st_mtime_ns, "nothing to write"
+
+
+def test_no_marks_are_told_from_marks_that_cannot_be_read(port: int, take: Take) -> None:
+    assert send(port, mark(2, "mine", {"note": "the only one", "author": "Ben"})) == (409, ANY)
+    answer = json.loads(send(port, mark(2, "mine", {"note": "the only one", "author": "Ben"}))[1])
+    assert answer["marks"] == []
+    take.marks.write_text("{")
+    status, body = send(port, mark(2, "mine"))
+    assert (status, json.loads(body)["marks"]) == (500, None)
 
 
 def test_nobody_loses_what_another_wrote(port: int, take: Take) -> None:
