@@ -82,8 +82,8 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
 
     A change that has been made already, which a sender who got no answer repeats, changes nothing. StudioError if the
     mark is another one by now (`take.mark_changed`), too long (`take.mark_too_long`), of a view too far away
-    (`take.mark_too_far`), one too many (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be written (`take.disk_full`,
-    `take.not_writable`).
+    (`take.mark_too_far`), one too many (`take.too_many_marks`), or the file is damaged (as `read_marks`) or cannot be
+    written (`take.disk_full`, `take.not_writable`).
     """
     if mark is not None:
         mark = _plain(path, mark)

@@ -125,9 +125,9 @@ export class ReviewServer {
     });
     const kind = answer.headers.get("content-type") ?? "";
     if (!kind.startsWith("application/json")) throw new Refused(`The server answers ${answer.status}.`, null);
-    const { problem, ...found } = (await answer.json()) as { marks: Mark[]; problem: string | null };
-    const marks = found.marks.map(readMark);
-    if (!answer.ok) throw new Refused(problem ?? `The server answers ${answer.status}.`, marks);
+    const { problem, ...found } = (await answer.json()) as { marks: Mark[] | null; problem: string | null };
+    const marks = found.marks === null ? null : found.marks.map(readMark);
+    if (!answer.ok || marks === null) throw new Refused(problem ?? `The server answers ${answer.status}.`, marks);
     this.tag = answer.headers.get("etag") ?? "";
     return marks;
   }
