@@ -8,13 +8,13 @@ traceback.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from v3studio.studio.json_types import JsonObject
-from v3studio.studio.shown_text import visible
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -23,6 +23,21 @@ MAX_LENGTH = 2000
 """Maximum length of a text in characters. Longer ones are truncated, because they may contain file contents."""
 
 _ENDS = (".", "!", "?", ":")
+_BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_HIDDEN = re.compile(f"[\x00-\x1f\x7f-\x9f{_BIDI}]")
+_HIDDEN_IN_LINES = re.compile(f"[\x00-\x08\x0b-\x1f\x7f-\x9f{_BIDI}]")
+
+
+def plain_text(text: str) -> str:
+    """Return one line of text without control and bidirectional characters, with which a title could look like another;
+    white space becomes single spaces. Joiners, which emoji and some scripts need, stay."""
+    return " ".join(_HIDDEN.sub("", " ".join(text.split())).split())
+
+
+def visible(text: str) -> str:
+    """Return text with a "?" for each control or bidirectional character, which could steer a terminal or make a file's
+    name look like another; line breaks and tabs stay."""
+    return _HIDDEN_IN_LINES.sub("?", text)
 
 
 _SHOWN: dict[str, str] = {}

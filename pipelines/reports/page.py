@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from v3studio.studio.shown_text import visible
+from v3studio.studio.errors import visible
 
 
 def rendered(template: str, **values: Any) -> str:

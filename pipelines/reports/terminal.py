@@ -6,7 +6,7 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
-from v3studio.studio.shown_text import visible
+from v3studio.studio.errors import visible
 
 if TYPE_CHECKING:
     from rich.console import Console

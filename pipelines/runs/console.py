@@ -19,8 +19,8 @@ from v3studio.pipelines.events import (
 from v3studio.pipelines.reports.terminal import console, duration, escaped
 from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.studio.counts import counted
+from v3studio.studio.errors import visible
 from v3studio.studio.process import NativeLines
-from v3studio.studio.shown_text import visible
 
 MOST_ALIKE = 3  # warnings of one kind that are printed for a stage
 

@@ -13,9 +13,8 @@ from pathlib import Path
 from v3studio.pipelines.takes.results.videos import decoded_video, open_reader, stream_numbers
 from v3studio.pipelines.version import program_version
 from v3studio.studio.bounded_files import parse_json
-from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.errors import StudioError, naming, plain_text
 from v3studio.studio.formats.camera_path import FORMAT, VERSION, CameraPath
-from v3studio.studio.shown_text import plain_text
 from v3studio.studio.stream.metadata import TEXTS
 
 GENERATOR = "V3 Studio share 1"

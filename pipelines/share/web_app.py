@@ -29,7 +29,7 @@ from v3studio.pipelines.share.page import PageText, first_files, player_page, sc
 from v3studio.pipelines.share.player_files import PlayerFiles
 from v3studio.pipelines.share.stream_to_share import name_of
 from v3studio.studio.bounded_files import parse_json
-from v3studio.studio.shown_text import plain_text, visible
+from v3studio.studio.errors import plain_text, visible
 from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 TYPES = {".json": "application/json", ".mp4": "video/mp4", ".m4a": "audio/mp4"}

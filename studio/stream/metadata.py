@@ -11,8 +11,8 @@ import numpy as np
 
 from v3studio.studio.cameras import Camera
 from v3studio.studio.coverage import ViewRange
+from v3studio.studio.errors import plain_text
 from v3studio.studio.json_types import JsonObject
-from v3studio.studio.shown_text import plain_text
 from v3studio.studio.similarity import Similarity
 
 Triple = tuple[float, float, float]

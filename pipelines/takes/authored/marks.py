@@ -14,8 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from v3studio.pipelines.takes.files.json_files import Result, read_json, validated, write_model
 from v3studio.pipelines.takes.files.locks import changing
-from v3studio.studio.errors import StudioError
-from v3studio.studio.shown_text import plain_text
+from v3studio.studio.errors import StudioError, plain_text
 
 MAX_NOTE, MAX_AUTHOR = 2000, 80  # longest note and name, in characters
 MAX_MARKS = 2000  # most marks of a take
