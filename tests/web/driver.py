@@ -29,8 +29,7 @@ class Site:
 
     Attributes:
         bytes_per_second: rate limit; None for no limit.
-        cut: {path suffix: bytes}: the connection is closed after this many bytes of the body, once per request,
-            until `cuts_left` reaches 0.
+        cut: {path suffix: bytes}: the connection is closed after this many bytes of the body, once `break_off` is set.
         requests: (path, range header) of all requests.
     """
 
@@ -38,7 +37,7 @@ class Site:
         self.folder = folder
         self.bytes_per_second: float | None = None
         self.cut: dict[str, int] = {}
-        self.cuts_left = 0
+        self.break_off = threading.Event()
         self.requests: list[tuple[str, str | None]] = []
         site = self
 
@@ -99,11 +98,10 @@ class Site:
             handler.send_header("Content-Range", f"bytes {start}-{end - 1}/{len(data)}")
         handler.end_headers()
         limit = next((size for ending, size in self.cut.items() if path.endswith(ending)), None)
-        if limit is not None and self.cuts_left > 0:
-            self.cuts_left -= 1
+        if limit is not None and not self.break_off.is_set():
             handler.wfile.write(body[:limit])
             handler.wfile.flush()
-            time.sleep(0.5)  # so that what was sent arrives before the connection breaks
+            self.break_off.wait(PATIENCE / 1000)
             handler.close_connection = True
             handler.connection.shutdown(socket.SHUT_RDWR)
             return
@@ -220,10 +218,11 @@ class Page:
         """Press a button in the control bar."""
         self.handle.locator(f"v3-player .bar [data-act='{act}']").click()
 
-    def touch(self, kind: str, points: list[tuple[float, float]]) -> None:
-        """Send a touch event: touchStart, touchMove or touchEnd."""
+    def touch(self, kind: str, points: list[tuple[float, float]], at: float | None = None) -> None:
+        """Send a touch event: touchStart, touchMove or touchEnd. `at`: its time in seconds instead of now."""
         places = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
-        self._session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+        when = {} if at is None else {"timestamp": at}
+        self._session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places, **when})
 
     def swipe(self, *fingers: tuple[tuple[float, float], tuple[float, float]]) -> None:
         """Move each finger by (dx, dy) from where it touches, in steps."""

@@ -100,7 +100,16 @@ def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
     button = page.handle.get_by_role("button", name="Show the new version")
     button.wait_for()
     page.wait("player.state.frame === 5")  # the last one that is there
-    page.handle.wait_for_timeout(1500)  # in which the others would have been tried
+    # The worker is asked for a frame of each missing group, and then for one that is there.
+    page.evaluate(
+        """async () => {
+          const {stream} = document.querySelector('v3-player').engine, axis = [0, 0, 1, 0];
+          for (let frame = 6; frame < 24; frame += 3)
+            await new Promise(done => {
+              stream.on('picture', ({frame}) => { if (frame === 5) done(); });
+              for (const one of [frame, 5]) stream.present(one, axis, false);
+            }); }"""
+    )
     assert page.seen("notice") == []
     assert len(page.seen("updated")) == 1
     assert page.evaluate("() => document.querySelector('v3-player').engine.stream.leftOut.size") == 0

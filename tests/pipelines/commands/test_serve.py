@@ -5,7 +5,6 @@ import shutil
 import signal
 import socket
 import threading
-import time
 import urllib.parse
 import urllib.request
 from collections.abc import Callable, Sequence
@@ -302,7 +301,6 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(sta
     restarted = threading.Event()
 
     def restart() -> None:
-        time.sleep(0.7)
         served(start, stream, port)
         restarted.set()
 
