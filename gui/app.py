@@ -11,13 +11,14 @@ from pathlib import Path
 from types import FrameType
 
 from v3studio.studio.errors import StudioError
-from v3studio.studio.process import passive_openmp
+from v3studio.studio.process import forget_working_folder, passive_openmp
 
 MOST_FAILURES = 5  # exceptions without a completed tick between them after which the window is closed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. Returns the exit status: 0, 1 if the window failed, or 2 if it cannot be opened."""
+    forget_working_folder()
     passive_openmp()
     parser = argparse.ArgumentParser(
         prog="v3studio-gui",

@@ -33,7 +33,7 @@ from v3studio.pipelines.stages import STAGE_NAMES
 from v3studio.studio.atomic_files import PARTIAL
 from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
 from v3studio.studio.json_types import JsonData
-from v3studio.studio.process import as_utf8, claim_stdout, discard, passive_openmp
+from v3studio.studio.process import as_utf8, claim_stdout, discard, forget_working_folder, passive_openmp
 
 GROUPS = {  # commands, in the order of `v3studio --help`
     "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config", "completion"),
@@ -62,6 +62,7 @@ def main() -> int:
 
     Only the command's own output goes to stdout; that of native libraries, here or in child processes, goes to stderr.
     """
+    forget_working_folder()
     passive_openmp()
     claim_stdout()
     code = execute(sys.argv[1:])

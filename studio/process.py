@@ -1,4 +1,7 @@
-"""What libraries do to this process: its environment variables, standard output and scheduling.
+"""Programs that are started, and what libraries do to this process: its environment, standard output and scheduling.
+
+Every program is started here. `python -m` puts the working folder first on the import path, and so does an empty entry
+in PYTHONPATH: a file `argparse.py` beside someone else's footage would be executed.
 
 Entry points call these functions; importing `studio` changes nothing. The environment has to be set before torch is
 imported.
@@ -18,15 +21,53 @@ import fcntl
 import io
 import os
 import platform
+import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
-from typing import TextIO
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn, TextIO
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3), from malloc.h
 _MOST_POOLED, _MOST_KEPT = 2**25, 2**28
 """Bytes: blocks above the first are still returned at once; the second is what a pool keeps."""
+
+
+def python_command(module: str, *arguments: str) -> list[str]:
+    """The command that runs a module with this Python."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def start(
+    command: Sequence[str], variables: Mapping[str, str] | None = None, **options: Any
+) -> subprocess.Popen[bytes]:
+    """Start a program, with further environment variables and the options of `subprocess.Popen`. No Python program
+    imports anything from its working folder, nor does one that a library of this program starts."""
+    return subprocess.Popen(command, env={**_environment(), **(variables or {})}, **options)
+
+
+def become(command: Sequence[str]) -> NoReturn:
+    """Replace this process by a program, which `start` describes."""
+    os.execve(command[0], command, _environment())
+
+
+def forget_working_folder() -> None:
+    """Let this process, and those that it or its libraries start, import nothing from the working folder, unless
+    PYTHONPATH has its absolute path. Call this at the start of a program: other relative entries of PYTHONPATH become
+    absolute, so that they stay the folders that the user meant."""
+    os.environ["PYTHONSAFEPATH"] = "1"
+    if text := os.environ.get("PYTHONPATH", ""):  # if it is empty, it adds nothing
+        entries = text.split(os.pathsep)
+        named = [os.path.abspath(entry) for entry in entries if entry and os.path.normpath(entry) != os.curdir]
+        os.environ["PYTHONPATH"] = os.pathsep.join(named)
+        if len(named) < len(entries) and (here := os.getcwd()) not in named:
+            sys.path[:] = [entry for entry in sys.path if entry not in ("", here)]
+
+
+def _environment() -> dict[str, str]:
+    entries = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    absolute = os.pathsep.join(entry for entry in entries if os.path.isabs(entry))
+    return {**os.environ, "PYTHONPATH": absolute, "PYTHONSAFEPATH": "1"}
 
 
 def passive_openmp() -> None:

@@ -293,6 +293,34 @@ def test_no_file_names_a_machines_folders() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+STARTS = re.compile(r"sys\.executable|(subprocess|os)\.(Popen|run|call|check_\w+|exec\w+|\w*spawn\w*|system|popen)\(")
+"""What starts a program; types and constants of `subprocess` are harmless."""
+
+
+def test_programs_are_started_in_one_place() -> None:
+    """A Python that is started in another way may execute a file in someone else's take or footage."""
+    allowed = {"studio/process.py", "gui/platform/desktop.py"}  # the second opens folders, with no Python
+    starting, forbidden = set(), []
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            name = path.relative_to(ROOT).as_posix()
+            if STARTS.search(path.read_text(encoding="utf-8")):
+                starting.add(name)
+            forbidden += [f"{name} imports {module}" for _, module in imported_names(path) if module in NEVER_STARTED]
+            forbidden += [
+                f"{name} imports from subprocess"
+                for node in nodes(path)
+                if isinstance(node, ast.ImportFrom) and node.module in ("subprocess", "os")
+                if any(STARTS.search(f"{node.module}.{alias.name}(") for alias in node.names)
+            ]
+    assert starting == allowed
+    assert not forbidden, "\n".join(forbidden)
+
+
+NEVER_STARTED = ("multiprocessing", "concurrent.futures.process", "pty")
+"""Modules that start a Python themselves."""
+
+
 def test_every_error_has_a_code() -> None:
     """`StudioError("area.what", "problem", ...)`, and what makes one: programs and tests act on the code."""
     wrong, found = [], 0

@@ -3,7 +3,6 @@
 import contextlib
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,13 +13,14 @@ from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.runs.launch import launch
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled
+from v3studio.studio.process import python_command, start
 
 
 def run_command(entry: QueuedTake) -> list[str]:
     """`v3studio run` for a take, as a command."""
     config = [str(entry.config)] if entry.config is not None else []
-    command = [sys.executable, "-m", "v3studio.pipelines.cli", "run", *config, "--take", str(entry.take), "--json"]
-    return command + [f"--set={text}" for text in entry.overrides]
+    overrides = [f"--set={text}" for text in entry.overrides]
+    return python_command("v3studio.pipelines.cli", "run", *config, "--take", str(entry.take), "--json", *overrides)
 
 
 def run_queue(
@@ -70,7 +70,7 @@ def _run(
     if not entry.folder.is_dir():
         return 1, f"the folder {entry.folder} no longer exists"
     message, last = "", ""
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=entry.folder) as process:
+    with start(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=entry.folder) as process:
         assert process.stdout is not None
         try:
             for line in process.stdout:

@@ -1,11 +1,11 @@
 """`v3studio open`: opens the window."""
 
 import argparse
-import os
 import sys
 from typing import Any
 
 from v3studio.pipelines.commands.common.arguments import add_command
+from v3studio.studio.process import become, python_command
 
 
 def register(commands: Any) -> None:
@@ -23,4 +23,4 @@ def _open(arguments: argparse.Namespace) -> int:
     # the window is above the command line: it is started, not imported
     places = [] if arguments.place is None else [arguments.place]
     sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", "v3studio.gui.app", *places])
+    become(python_command("v3studio.gui.app", *places))

@@ -1,9 +1,7 @@
 """Starts `v3studio` as a process that outlives the one that starts it."""
 
-import os
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from pathlib import Path
 
 from v3studio.pipelines.events import RunStarted
 from v3studio.pipelines.events.event_log import LogFollower
+from v3studio.studio.process import python_command, start
 
 ERRORS = "background.log"  # file in a take's private folder with the standard error of a run without a terminal
 
@@ -28,13 +27,13 @@ class Launched:
 def launch(words: Sequence[str], errors: Path, variables: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
     """Start `v3studio WORDS` in a session of its own; standard error goes to a file."""
     with errors.open("wb") as file:
-        return subprocess.Popen(
-            [sys.executable, "-m", "v3studio.pipelines.cli", *words],
+        return start(
+            python_command("v3studio.pipelines.cli", *words),
+            variables,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=file,
             start_new_session=True,
-            env={**os.environ, **(variables or {})},
         )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.hostile_streams import executed, plant
 from tests.test_commands import ROOT, blocks
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
@@ -79,6 +80,9 @@ def test_commands_run_in_the_order_of_their_page(
     for words, others in SHORTER.items():
         commands = commands.replace(words, others)
     settings = lay_out(tmp_path, finished, commands)
+    told = tmp_path.with_suffix(".told")
+    for folder in (tmp_path, *(path.parent for name in ("images", "take.json") for path in tmp_path.rglob(name))):
+        plant(folder, told)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path / "masks")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -101,6 +105,7 @@ def test_commands_run_in_the_order_of_their_page(
             assert "null" not in read.stdout, reader
         if words[0] == "init":
             (tmp_path / "my.yaml").write_text(settings)  # with fewer steps
+    assert executed(told) == ""
 
 
 def lay_out(folder: Path, finished: Path, commands: str) -> str:

@@ -1,4 +1,4 @@
-"""What libraries do to this process."""
+"""What libraries do to this process; programs that start in a stranger's folder execute nothing of it."""
 
 import ctypes
 import os
@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from v3studio.studio.process import NativeLines
+from tests.support.hostile_streams import executed, plant
+from v3studio.studio.process import NativeLines, forget_working_folder, python_command, start
 
 BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
 
@@ -75,3 +76,54 @@ def test_native_lines_are_collected_and_the_descriptor_is_given_back(capfd: pyte
     assert lines.close() == lines.take() == []
     os.write(1, b"back\n")
     assert capfd.readouterr().out == "back\n"
+
+
+CLI = python_command("v3studio.pipelines.cli", "config", "bake")
+
+
+@pytest.fixture
+def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """File that names what was executed; the working folder is a stranger's."""
+    (tmp_path / "hostile" / "masks").mkdir(parents=True)
+    for folder in (tmp_path / "hostile", tmp_path / "hostile" / "masks"):
+        plant(folder, tmp_path / "told")
+    monkeypatch.chdir(tmp_path / "hostile")
+    return tmp_path / "told"
+
+
+@pytest.mark.parametrize("path", [None, "", ".", os.pathsep, "masks", f"masks{os.pathsep}./."])
+def test_a_child_executes_nothing_of_its_folder(path: str | None, told: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    if path is not None:
+        monkeypatch.setenv("PYTHONPATH", path)
+    with start(CLI, stdout=subprocess.PIPE) as child:
+        assert b"quality" in child.stdout.read()
+    assert (child.returncode, executed(told)) == (0, "")
+
+
+@pytest.mark.parametrize("program", ["v3studio", "v3studio-gui"])
+def test_the_installed_programs_execute_nothing_of_their_folder(program: str, told: Path) -> None:
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [Path(sys.executable).with_name(program), "--help"]
+    done = subprocess.run(command, env={**variables, "PYTHONPATH": ""}, capture_output=True, check=False)
+    assert (done.returncode, executed(told)) == (0, ""), done.stderr
+
+
+def test_packages_of_the_user_with_our_names_break_nothing(tmp_path: Path) -> None:
+    for name in ("pipelines", "studio", "gui"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise AssertionError('imported')")
+    with start(CLI, {"PYTHONPATH": str(tmp_path)}, stdout=subprocess.PIPE) as child:
+        assert b"quality" in child.stdout.read()
+    assert child.returncode == 0
+
+
+def test_folders_that_the_user_names_stay_what_they_were(told: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = Path.cwd()
+    monkeypatch.setenv("PYTHONSAFEPATH", "")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(("masks", "", "/other", ".")))
+    monkeypatch.setattr(sys, "path", [str(here / "masks"), str(here), "/other", "/usr/lib"])
+    forget_working_folder()
+    assert os.environ["PYTHONPATH"] == os.pathsep.join((str(here / "masks"), "/other"))
+    assert os.environ["PYTHONSAFEPATH"] == "1", "for programs that libraries start"
+    assert sys.path == [str(here / "masks"), "/other", "/usr/lib"]

@@ -1,4 +1,5 @@
-"""Streams as a malicious writer would make them, for the library and for the browser.
+"""Streams as a malicious writer would make them, for the library and for the browser; folders with Python files of a
+stranger, of which none may be executed.
 
 Each mutation changes the manifest, a side file (compressed, or its content), a video or the sound of a stream of the
 profile `motion` without pages, and then updates all sizes and checksums. Mutation N is always the same.
@@ -9,6 +10,7 @@ import hashlib
 import json
 import random
 import zlib
+from pathlib import Path
 from typing import Any
 
 from tests.support.splats import assert_drawable
@@ -148,3 +150,19 @@ def read_all(files: Files) -> str:
     except StudioError as error:
         return f"rejected {error.code}"
     return "read"
+
+
+PLANTED = ("argparse.py", "json.py", "numpy.py", "sitecustomize.py")
+PLANTED += ("pipelines/__init__.py", "studio/__init__.py", "v3studio/__init__.py")
+
+
+def plant(folder: Path, told: Path) -> None:
+    """Put files into a folder that hide modules of Python, of libraries and of this program, and say if they run."""
+    for name in PLANTED:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(f"open({str(told)!r}, 'a').write(__file__ + chr(10))\n")
+
+
+def executed(told: Path) -> str:
+    """What was executed; "" if nothing was."""
+    return told.read_text() if told.exists() else ""

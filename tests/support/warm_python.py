@@ -265,12 +265,12 @@ def forking(warm: WarmPython) -> type[subprocess.Popen[Any]]:
 
     class Popen(subprocess.Popen[Any]):
         def __new__(cls, args: Any, **options: Any) -> Any:
-            if args[:3] != [sys.executable, "-m", "v3studio.pipelines.cli"]:
+            if args[:4] != [sys.executable, "-P", "-m", "v3studio.pipelines.cli"]:
                 return super().__new__(cls)
             tied, piped = (options.get(name) == subprocess.PIPE for name in ("stdin", "stdout"))
             with open(os.devnull, "wb") as nothing:
                 return warm.popen(
-                    args[1:],
+                    args[2:],
                     cwd=os.path.abspath(options.get("cwd", ".")),
                     env=options.get("env"),
                     output=None if piped else nothing,

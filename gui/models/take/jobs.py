@@ -9,7 +9,6 @@ import os
 import queue
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.pipelines.events import Event, Finished, Log, read_line
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.atomic_files import remove
+from v3studio.studio.process import python_command, start
 
 STDERR_NAME = "window_job.log"
 _LONGEST_LINE = 1 << 20  # bytes; the rest of a longer line is dropped
@@ -28,7 +28,7 @@ _LONGEST_LINE = 1 << 20  # bytes; the rest of a longer line is dropped
 
 def v3studio_command() -> list[str]:
     """Command that runs the CLI with this Python."""
-    return [sys.executable, "-m", "v3studio.pipelines.cli"]
+    return python_command("v3studio.pipelines.cli")
 
 
 class ChildProcess:
@@ -41,7 +41,7 @@ class ChildProcess:
         self.output: Signal[[]] = Signal()
         self._posted = threading.Event()
         with errors.open("wb") as file:
-            self._process = subprocess.Popen(
+            self._process = start(
                 command,
                 stdin=subprocess.PIPE if tied else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,

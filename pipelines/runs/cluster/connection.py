@@ -58,7 +58,9 @@ def connected(address: str, cpus: int) -> Iterator[Any]:
     from ray.exceptions import AuthenticationError
 
     try:
-        ray.init(address=address, **options)
+        # Ray lets its workers import from the folder in which this is called
+        with contextlib.chdir("/"):
+            ray.init(address=address, **options)
     except AuthenticationError:
         raise _wrong_token(address) from None
     except (ConnectionError, ValueError, RuntimeError) as error:

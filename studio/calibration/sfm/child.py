@@ -4,34 +4,32 @@ import json
 import os
 import queue
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
 
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.process import python_command, start
 
 
 def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[str, int, int], None]) -> None:
     """Run `python -m module arguments` to completion and pass on the progress that it prints as JSON lines.
 
     Args:
-        module: the module to run, with this interpreter and import path.
+        module: the module to run, with this interpreter.
         on_progress: called with `step`, `done` and `total` of each line, and with "", 0 and 0 every 0.2 s without one.
             If it raises (for example `Cancelled`), the child is killed before the exception passes on.
 
     Raises:
         StudioError: as printed by the child (`error`, the fields of its message), or calibration.worker_died.
     """
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with (
         tempfile.TemporaryFile() as errors,
-        subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+        start(
+            python_command(module, *arguments),
             stdin=subprocess.PIPE,  # never written to; when it closes, the child ends
             stdout=subprocess.PIPE,
             stderr=errors,
-            env=environment,
             start_new_session=True,  # Ctrl-C must not reach the child: this process stops it
         ) as child,
     ):

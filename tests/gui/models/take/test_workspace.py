@@ -7,6 +7,7 @@ import psutil
 import pytest
 
 from tests.support.errors import refuses
+from tests.support.hostile_streams import executed, plant
 from tests.support.looping import heard, wait_in_loop
 from tests.support.waiting import wait_until
 from tests.support.warm_python import forking, warm_python
@@ -15,6 +16,7 @@ from v3studio.gui.models.take.jobs import Job
 from v3studio.gui.models.take.run_state import RunState
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.events import (
+    Event,
     Finished,
     Metrics,
     Progress,
@@ -87,6 +89,17 @@ def test_a_crash_is_a_sentence_with_the_end_of_its_output(tmp_path: Path, code: 
     run.crashed(*crash)
     assert run.outcome == "failed"
     assert said in run.failed["train"]
+
+
+def test_a_job_executes_nothing_of_the_take(take_copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant(take_copy, tmp_path / "told")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep)
+    job = Job(Take.open(take_copy), ("run", "--until", "initialize"))
+    events: list[Event] = []
+    wait_until("ended", lambda: bool(events.extend(job.take_events())) or job.status is not None)
+    events += job.take_events()
+    assert (job.status, executed(tmp_path / "told")) == (0, "")
+    assert isinstance(events[-1], Finished)
 
 
 def states(workspace: Workspace) -> dict[str, str]:

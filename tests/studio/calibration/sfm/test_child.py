@@ -1,7 +1,6 @@
 """Work in a child process: progress arrives, it can be stopped, and crashes are reported."""
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -22,7 +21,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
     def run(code: str, on_line: Callable[..., None] = lambda *line: None, *arguments: str) -> None:
         (tmp_path / "some_work.py").write_text(code)
-        monkeypatch.syspath_prepend(str(tmp_path))
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         run_reporting("some_work", list(arguments), on_line)
 
     return run
@@ -65,7 +64,6 @@ def test_the_worker_does_not_outlive_its_parent(tmp_path: Path) -> None:
          "w.run = lambda *given: (print('running', flush=True), time.sleep(1e6))\nw.main()",
          str(tmp_path / "job.json")],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )  # fmt: skip
     child.stdout.readline()
     child.stdin.close()
