@@ -88,6 +88,8 @@ lint: setup-tests web-lint ## run ruff, mypy, eslint and tsc; look up known vuln
 sbom: setup-tests ## write a software bill of materials (CycloneDX) to build/
 	@mkdir -p build
 	@$(PY) -m cyclonedx_py environment --pyproject pyproject.toml --output-file build/v3studio.cdx.json
+	@for folder in web web/engines; do \
+	    (cd $$folder && $(NPM) sbom --sbom-format=cyclonedx --package-lock-only) >build/$${folder//\//-}.cdx.json; done
 
 format: system ## apply ruff's fixes and formatting
 	@bash scripts/setup.sh dev

@@ -13,6 +13,7 @@ export const common = {
   minify: true,
   target: ["es2022", "chrome107", "firefox113", "safari16.4"],
   legalComments: "none",
+  banner: { js: "/*! Copyright (c) 2026 The V3 Studio authors. SPDX-License-Identifier: MIT */" },
   logLevel: "warning",
 };
 
@@ -27,7 +28,7 @@ export const styles = {
   },
 };
 
-const worker = await build({ ...common, plugins: [schemaPlugin], entryPoints: ["src/worker/main.ts"], format: "iife", write: false });
+const worker = await build({ ...common, banner: {}, plugins: [schemaPlugin], entryPoints: ["src/worker/main.ts"], format: "iife", write: false });
 export const workerText = worker.outputFiles[0].text;
 
 /** Plugins for whatever starts the worker. */

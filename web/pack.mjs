@@ -36,7 +36,8 @@ const bundled = ["three", "@sparkjsdev/spark", "fflate"].map(async (name) => {
   const license = await readFile(join(here, "engines", "node_modules", name, "LICENSE"), "utf8");
   return `${name}\n\n${license.trim()}\n`;
 });
-await writeFile(join(pages, "licenses.txt"), (await Promise.all(bundled)).join("\n\n"));
+const own = `@v3studio/player\n\n${(await readFile(join(here, "LICENSE"), "utf8")).trim()}\n`;
+await writeFile(join(pages, "licenses.txt"), [own, ...(await Promise.all(bundled))].join("\n\n"));
 
 const types = join(out, "types");
 const tsc = join(here, "node_modules", "typescript", "bin", "tsc");
@@ -65,7 +66,7 @@ const manifest = {
 };
 await writeFile(join(out, "package.json"), `${JSON.stringify(manifest, null, 2)}\n`);
 await copyFile(join(here, "README.md"), join(out, "README.md"));
-await copyFile(join(here, "..", "LICENSE"), join(out, "LICENSE"));
+await copyFile(join(here, "LICENSE"), join(out, "LICENSE"));
 
 for (const name of ["three", "playcanvas"]) {
   const size = gzipSync(await readFile(join(out, `${name}.js`)), { level: 9 }).length;

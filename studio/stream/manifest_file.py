@@ -129,6 +129,7 @@ def manifest_schema() -> JsonObject:
     kinds: TypeAdapter[Any] = TypeAdapter(Manifest | Page)
     schema = kinds.json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["$comment"] = "Copyright (c) 2026 The V3 Studio authors. SPDX-License-Identifier: CC-BY-4.0"
     schema["title"] = "Manifest of a v3studio-stream"
     schema["x-names"] = NAMES
     return schema

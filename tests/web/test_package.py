@@ -68,6 +68,10 @@ def test_its_modules_and_types_are_where_it_says(installed):
     targets = [path for entry in manifest["exports"].values() for path in entry.values()]
     missing = [path for path in [*targets, "README.md", "LICENSE"] if not (folder / path).is_file()]
     assert not missing
+    assert manifest["license"] == "MIT"
+    assert (folder / "LICENSE").read_text().startswith("MIT License")
+    for script in folder.glob("*.js"):
+        assert "SPDX-License-Identifier: MIT" in script.read_text(encoding="utf-8")[:200]
 
 
 def test_types_describe_the_modules(installed, tmp_path):
