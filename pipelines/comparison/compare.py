@@ -26,7 +26,7 @@ from v3studio.pipelines.takes.files.digests import digest_of, digest_of_file
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.version import program_version
-from v3studio.studio.atomic_files import remove
+from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.comparison import METRICS, EvaluationProtocol
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData
@@ -114,10 +114,13 @@ def compare(
             takes=tuple(_result(take, found, names) for take, found in zip(takes, rows, strict=True)),
         )
     with disk_errors(out):
-        for path in _earlier_images(out):
-            remove(path)
-        finished.publish(name for each in compared for name in each.images)
-        write_model(out / RESULTS, result)
+        earlier, images = _earlier_images(out), {name for each in compared for name in each.images}
+        with atomic_path(out / RESULTS) as temporary:
+            write_model(temporary, result)
+            finished.publish(images)
+        for path in earlier:
+            if path.name not in images:
+                remove(path)
         finished.remove()
     return result
 

@@ -29,7 +29,6 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import Countdown, StageReporter
 from v3studio.pipelines.takes.cancel_request import cancelled_on_request
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
-from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.files.settings_file import save_config, set_settings
 from v3studio.pipelines.takes.results.integrity import refuse_damage
 from v3studio.pipelines.takes.results.kept_bakes import free_name, keep_bake, note_evaluation
@@ -67,7 +66,8 @@ def run(
         config: all settings; written to the take's config.yaml.
         emit: receives the events; the last is always `Finished`.
         stages: a name or several. Stages that they depend on must be up to date or among them.
-        force: run them from scratch even if they are up to date.
+        force: run them from scratch even if they are up to date. Each earlier result stays until its new one is
+            complete.
         cancellation: set it from another thread to cancel; SIGINT and SIGTERM set it too.
         command: recorded in the lock, for the error that a second run gets.
         keep: name under which the stream is kept at the end, before anything else can change it; None: it is not.
@@ -92,7 +92,9 @@ def run(
         report = EventLog(take.log, 2.0, emit)
         if keep is not None:
             free_name(take, keep)
-        _Run(Inputs(take, config), report, cancellation, clock, force, verified).go(names)
+        # the log has just been written: whatever a forced stage writes is not older, by the clock of the same disk
+        since = dict.fromkeys(names, take.log.stat().st_mtime_ns) if force else {}
+        _Run(Inputs(take, config, since=since), report, cancellation, clock, force, verified).go(names)
         if keep is not None:
             kept = keep_bake(take, keep)
             report(Log(stage="bake", message=f"kept as '{kept.name}'"))
@@ -206,12 +208,9 @@ class _Run:
             if dependency in _CHECKED:
                 refuse_damage(take, dependency)
         self.emit(StageStarted(stage=stage.name, reason=reason))
-        baked = read_record(take, "bake")
-        take.forget(stage.name)
+        remove(take.failure(stage.name))
         if self.force:
             remove(take.work(stage.name))
-            for path in stage.code.results(inputs):
-                remove(path)
         try:
             with disk_errors(take.root), memory_errors(stage.name):
                 summary = stage.code.run(inputs, reporter, executor)
@@ -228,8 +227,8 @@ class _Run:
             # on a full disk the record cannot be written either; the event and the exit code report the failure
             with contextlib.suppress(OSError):
                 write_failure(take, stage.name, message)
+                baked = read_record(take, "bake")
                 if message.code == "bake.target_missed" and baked is not None:  # the take still has that stream
-                    write_model(take.record("bake"), baked)
                     set_settings(take.config, {"bake.quality": baked.params["bake.quality"]})
             raise
         self.emit(StageFinished(stage=stage.name, seconds=round(seconds, 2), summary=summary.to_json()))

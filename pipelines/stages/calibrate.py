@@ -115,11 +115,12 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
         rig, report = _from_tie_points(inputs, reporter)
     else:
         rig, report = _from_footage(inputs, reporter)
-    for path in (inputs.take.rig_verdict, inputs.take.camera_refinement, inputs.take.refined_rig):
-        remove(path)  # of other cameras
+    inputs.take.forget(STAGE.name)
     with atomic_path(inputs.take.rig) as temporary:
         write_rig(rig, temporary)
     write_model(inputs.take.calibration_report, report)
+    for path in (inputs.take.rig_verdict, inputs.take.camera_refinement, inputs.take.refined_rig):
+        remove(path)  # of other cameras
     figures: dict[str, Any] = {}
     if isinstance(report, CalibrationReport):
         write_calibration_page(inputs.take)

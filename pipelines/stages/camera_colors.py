@@ -57,6 +57,7 @@ def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> Cam
     colors = CameraColors(
         key=key, frame=int(frame), cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()}
     )
+    take.forget("train")
     write_model(take.camera_colors, colors)
     return colors
 

@@ -66,7 +66,7 @@ def ensure_fitted(
     """Fit unless the result is there. Any worker may do it: the same inputs give the same bytes."""
     with inputs.take.group_locked(file.stem, 0, reporter.check):
         with suppress(StudioError):  # missing or damaged
-            if read_model(file, kind).key == key:
+            if read_model(file, kind).key == key and file.stat().st_mtime_ns >= inputs.since.get("train", 0):
                 return
         # with the threads of the first group, so that other workers get the same bits
         run_groups({0: fit}, 1, threads_of_groups(inputs), Cancellation())

@@ -47,6 +47,7 @@ def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str) ->
 def drop_refined_cameras(inputs: Inputs) -> None:
     for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
         if path.exists():
+            inputs.take.forget("train")
             remove(path)
             inputs.forget_cameras()
 
@@ -55,7 +56,6 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     from v3studio.studio.training import refine_cameras
     from v3studio.studio.training.camera_refinement import WORTH
 
-    drop_refined_cameras(inputs)
     group, footage = inputs.groups[0], inputs.calibrated_footage
     reading, refining = reporter.counting("refining cameras: image"), reporter.counting("refining cameras: step")
 
@@ -75,8 +75,8 @@ def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
     corrections = dict(zip(names, (*found.corrections, *found.held_out), strict=True))
     given = read_rig(inputs.take.rig)
     rig = _refined(given, footage.rig, corrections)
+    drop_refined_cameras(inputs)
     if used:
-        inputs.take.refined_rig.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(inputs.take.refined_rig) as temporary:
             write_rig(rig, temporary)
     report = CameraRefinement(

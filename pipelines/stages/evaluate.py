@@ -158,6 +158,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     before = STAGE_NAMES[: STAGE_NAMES.index(STAGE.name)]
     samples = [images for one in measured for images in one.samples]
     report = render_report(inputs.take, inputs.config, inputs.groups, evaluation, samples, before)
+    inputs.take.forget(STAGE.name)
     write_text(inputs.take.report, report)
     write_model(inputs.take.evaluation, evaluation)
     remove(inputs.take.work(STAGE.name))

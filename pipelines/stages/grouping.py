@@ -18,7 +18,8 @@ def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
     """Find how far the performer moves and write it to `Take.motion`. False: it was known."""
     path, seen, frames = inputs.take.motion, inputs.seen_by_training(), inputs.raw_footage.frames
     key = digest_of([1, seen, list(frames), result_of(inputs.take, "calibrate")])
-    if path.is_file() and read_model(path, FoundMotion).key == key:
+    since = inputs.since.get("initialize", 0)
+    if path.is_file() and path.stat().st_mtime_ns >= since and read_model(path, FoundMotion).key == key:
         return False
     from v3studio.studio.footage.motion import motion
 
@@ -34,5 +35,6 @@ def find_motion(inputs: Inputs, progress: ProgressFn) -> bool:
         known = [one for one in found if one is not None]
         moved.append(round(sum(known) / max(len(known), 1), 4))
         before = after
+    inputs.take.forget("initialize")
     write_model(path, FoundMotion(key=key, frames=footage.frames, motion=tuple(moved), cameras=cameras))
     return True

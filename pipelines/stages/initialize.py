@@ -109,9 +109,10 @@ def _is_made(inputs: Inputs, group: Group, digest: Callable[[Path], str | None])
     """Whether the report has the current key, and its files are there with the digests in it; `digest`: of a file; None
     if it is taken to be right."""
     folder = inputs.take.initialize_group(group.index)
-    if not (folder / "report.json").is_file():
+    path = folder / "report.json"
+    if not path.is_file() or path.stat().st_mtime_ns < inputs.since.get(STAGE.name, 0):
         return False
-    report = read_model(folder / "report.json", InitialPointsReport)
+    report = read_model(path, InitialPointsReport)
     files = {folder / name: value for name, value in report.files.items()}
     return report.key == group_key(inputs, group) and all(
         file.is_file() and digest(file) in (None, value) for file, value in files.items()
@@ -149,11 +150,11 @@ def _make(inputs: Inputs, group: Group, reporter: StageReporter, start: float, s
         _tell_coverage(footage, reporter, points, normals)
     folder = inputs.take.initialize_group(group.index)
     folder.mkdir(parents=True, exist_ok=True)
-    remove(folder / "report.json")
-    with atomic_path(folder / "mesh.ply") as temporary:
-        write_mesh(temporary, found.mesh.vertices, found.mesh.faces)
-    with atomic_path(folder / "points.ply") as temporary:
-        write_points(temporary, points, normals, np.round(colors * 255))
+    with atomic_path(folder / "mesh.ply") as mesh, atomic_path(folder / "points.ply") as sampled:
+        write_mesh(mesh, found.mesh.vertices, found.mesh.faces)
+        write_points(sampled, points, normals, np.round(colors * 255))
+        inputs.take.forget(STAGE.name)
+        remove(folder / "report.json")  # of other points
     report = InitialPointsReport(
         key=group_key(inputs, group),
         keyframe=int(group.keyframe),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -30,11 +31,13 @@ if TYPE_CHECKING:
 @dataclass(eq=False)
 class Inputs:
     """A take with its settings; what is read from it is opened on first access. `most_cached`: see `open_footage`; with
-    and without cameras."""
+    and without cameras. `since`: modification time in ns, by stage, from which on a stage's results count; a stage that
+    is not in it uses what there is."""
 
     take: Take
     config: Config
     most_cached: int | None = None
+    since: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def capture(self) -> CaptureSettings:

@@ -62,7 +62,8 @@ def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> 
     """Judge the rig by a frame's images and masks, log the verdict, and store it under `key`, their digest."""
     key = key_of("verdict", _VERSION, key)
     path = inputs.take.rig_verdict
-    verdict = read_model(path, StoredVerdict) if path.is_file() else None
+    known = path.is_file() and path.stat().st_mtime_ns >= inputs.since.get("initialize", 0)
+    verdict = read_model(path, StoredVerdict) if known else None
     if verdict is None or verdict.key != key:
         verdict = StoredVerdict(key=key, **_judged(inputs, frame, reporter).model_dump())
         path.parent.mkdir(parents=True, exist_ok=True)

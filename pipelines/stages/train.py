@@ -225,7 +225,8 @@ def _keys_to_write(inputs: Inputs, group: Group) -> tuple[list[str], list[str]]:
 def _is_final(inputs: Inputs, group: Group, keys: list[str]) -> bool:
     """Whether all frames of a group are there and up to date; `keys`: as for `_final_keys`."""
     pairs = zip(group.indices, _final_keys(inputs, keys), strict=True)
-    return all(has_key(inputs.take.trained_frame(group.index, index), key) for index, key in pairs)
+    since = inputs.since.get(STAGE.name, 0)
+    return all(has_key(inputs.take.trained_frame(group.index, index), key, since) for index, key in pairs)
 
 
 def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> Set[int]:
@@ -235,7 +236,8 @@ def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> Set
         return set(range(len(keys)))
     found: set[int] = set()
     for position in chain([group.middle], *group.sides):
-        valid = before_joint(inputs.take, group, group.first + position, keys[position]) is not None
+        since = inputs.since.get(STAGE.name, 0)
+        valid = before_joint(inputs.take, group, group.first + position, keys[position], since) is not None
         if valid and found.issuperset(group.trained_before(position)):
             found.add(position)
     return found

@@ -115,10 +115,10 @@ class TrainClock:
         return self._steps[kind] * fmean(fmean(self._seconds[one]) / max(1, self._steps[one]) for one in known)
 
 
-def before_joint(take: Take, group: Group, index: int, key: str) -> Path | None:
-    """The file of a frame, by its index, as it was trained alone, not jointly; None if none has `key`."""
+def before_joint(take: Take, group: Group, index: int, key: str, since: int = 0) -> Path | None:
+    """The file of a frame, by its index, as it was trained alone, not jointly; None if none has `key`, or is older."""
     paths = take.trained_frame(group.index, index), take.separate_frame(group.index, index)
-    return next((path for path in paths if has_key(path, key)), None)
+    return next((path for path in paths if has_key(path, key, since)), None)
 
 
 def _kind(group: Group, position: int) -> Kind:
@@ -141,6 +141,7 @@ class GroupWork:
     def __post_init__(self) -> None:
         self.settings: TrainSettings = self.inputs.config.train
         self._lock = threading.Lock()  # guards the clock, the labels and the time of the last preview
+        self._since = self.inputs.since.get("train", 0)
         self._labels: dict[Place, str] = {}
         self._outlines_off: dict[int, float | None] = {}  # of each group's keyframe, once it is trained
         self._last_preview = time.monotonic()
@@ -249,7 +250,7 @@ class GroupWork:
             if position not in seen:
                 seen[position] = self._kept_views(group, position, self._views(frame, tell=True))
         frames = [self._trained(group, position, keys) for position in range(len(group.frames))]
-        resume = read_tensors(path, key)
+        resume = read_tensors(path, key, self._since)
         if resume is not None:
             self.reporter.log(f"group {group.index}: resuming joint training at step {int(resume['done'])}")
         started = self.reporter.clock()
@@ -269,7 +270,7 @@ class GroupWork:
             self._labels.pop((group.index, -1), None)
         # first all of these, since a run that is killed among the others needs them
         for index, before, own in zip(group.indices, frames, keys, strict=True):
-            if not has_key(take.separate_frame(group.index, index), own):
+            if not has_key(take.separate_frame(group.index, index), own, self._since):
                 write_frame(take.separate_frame(group.index, index), before, self._about(group, index, own))
         self._write_group(group, trained[0], timings, round(seconds, 3))
         for index, gaussians in zip(group.indices, trained, strict=True):
@@ -326,7 +327,7 @@ class GroupWork:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_tensors(path, state, FrameMetadata(key=key, step=step, frame=group.keyframe))
 
-        resume = read_tensors(path, key)
+        resume = read_tensors(path, key, self._since)
         if resume is not None:
             self.reporter.log(f"group {group.index}: resuming the keyframe at step {int(resume['done'])}")
         gaussians = train_keyframe(
@@ -422,6 +423,7 @@ class GroupWork:
     ) -> None:
         folder = self.inputs.take.train_group(group.index)
         folder.mkdir(parents=True, exist_ok=True)
+        self.inputs.take.forget("train")
         write_model(
             folder / "group.json",
             TrainedGroup(

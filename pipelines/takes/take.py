@@ -250,7 +250,7 @@ class Take:
                 remove(folder)
 
     def forget(self, stage: str) -> None:
-        """Delete a stage's records, so that it runs again."""
+        """Delete a stage's records, before any of its results is replaced, or so that it runs again."""
         remove(self.record(stage))
         remove(self.failure(stage))
 

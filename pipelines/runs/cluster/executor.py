@@ -163,6 +163,7 @@ class _Run:
                 key=job.key,
                 settings=self._settings(),
                 versions=versions(),
+                since=self._inputs.since.get(self._stage.name, 0),
             )
             job.log = LogFollower(self._inputs.take.group_events / task.events)
             self._running[self._task.options(**options).remote(task)] = job

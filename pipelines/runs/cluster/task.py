@@ -61,6 +61,7 @@ class GroupTask:
     settings: tuple[tuple[str, Any], ...]  # values by dotted name that replace those of the take
     versions: tuple[str, str]  # at the sender
     paths: tuple[tuple[str, tuple[str, ...]], ...] = ()  # `run.paths`: a folder and its paths on other machines
+    since: int = 0  # `Inputs.since` of the stage
 
     @property
     def events(self) -> str:
@@ -139,7 +140,7 @@ def do_task(task: GroupTask, node: str) -> None:
         _here(Path(task.footage), "footage", task)
     config = load_config(take.config, task.settings)
     try:
-        work(take, config, task.stage, task.group, task.key, emit)
+        work(take, config, task.stage, task.group, task.key, emit, task.since)
     except StudioError as error:
         if error.message.code not in _FOOTAGE_CODES:
             raise

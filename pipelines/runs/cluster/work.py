@@ -22,16 +22,16 @@ from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 
 
-def work(take: Take, config: Config, stage: str, group: int, key: str, emit: Emit) -> None:
+def work(take: Take, config: Config, stage: str, group: int, key: str, emit: Emit, since: int = 0) -> None:
     """Do a stage of one group.
 
-    `key`: `GroupStageCode.group_key` of the stage, as the caller knows it. Raises StudioError if the stage needs
-    another one first (`stage.dependency`), the take is not what the caller expects (`work.take_changed`), or for bad
-    input.
+    `key`: `GroupStageCode.group_key` of the stage, as the caller knows it; `since`: of the stage, see `Inputs`. Raises
+    StudioError if the stage needs another one first (`stage.dependency`), the take is not what the caller expects
+    (`work.take_changed`), or for bad input.
     """
     import torch
 
-    inputs, code = Inputs(take, config), stage_named(stage)
+    inputs, code = Inputs(take, config, since={stage: since}), stage_named(stage)
     torch.set_num_threads(inputs.threads)
     with disk_errors(take.root), memory_errors(stage):
         if group >= len(inputs.groups) or code.group_code.group_key(inputs, inputs.groups[group]) != key:

@@ -14,7 +14,6 @@ from v3studio.pipelines.takes.files.digests import digest_of_file
 from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.frames.edited import EditedGroup
 from v3studio.pipelines.takes.results.stage_files import BakedGroupNote
-from v3studio.studio.atomic_files import remove
 from v3studio.studio.memory_cache import OnDemand
 
 if TYPE_CHECKING:
@@ -33,7 +32,6 @@ def encode(plan: BakePlan, part: Part, reporter: StageReporter, start: float, st
     from v3studio.studio.stream.suggested_view import seen_box
 
     inputs, settings = plan.inputs, plan.inputs.config.bake
-    remove(plan.note_path(part))
     edited = group_to_bake(inputs, part)
     frames = OnDemand(part.indices, edited.read)
     cameras, background = stream_cameras(inputs), inputs.config.evaluate.background

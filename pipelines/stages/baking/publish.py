@@ -31,6 +31,7 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
 
     inputs, stream = plan.inputs, plan.inputs.take.stream
     entries = [GroupEntry.from_dict(note.entry) for note in notes]
+    inputs.take.forget("bake")
     for note in notes:
         for path, digest in note.digests.items():
             _put(plan, path, digest)

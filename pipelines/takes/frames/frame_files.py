@@ -64,11 +64,11 @@ def read_frame(path: Path) -> Gaussians:
         raise StudioError("take.damaged", problem, file=path, fix=fix, stage="train") from None
 
 
-def read_tensors(path: Path, key: str) -> dict[str, Tensor] | None:
-    """Tensors that `write_tensors` wrote, by name, on the CPU; None if missing, damaged or of another `key`."""
+def read_tensors(path: Path, key: str, since: int = 0) -> dict[str, Tensor] | None:
+    """Tensors that `write_tensors` wrote, by name, on the CPU; None if missing, damaged, of another `key` or older."""
     from safetensors import SafetensorError
 
-    if not has_key(path, key):
+    if not has_key(path, key, since):
         return None
     try:
         return _load(path)
@@ -100,10 +100,10 @@ def read_about(path: Path) -> FrameMetadata | None:
         return None
 
 
-def has_key(path: Path, key: str) -> bool:
-    """Whether a file was made from what `key` is the digest of."""
+def has_key(path: Path, key: str, since: int = 0) -> bool:
+    """Whether a file was made from what `key` is the digest of, and not before `since` (modification time in ns)."""
     about = read_about(path)
-    return about is not None and about.key == key
+    return about is not None and about.key == key and path.stat().st_mtime_ns >= since
 
 
 def _load(path: Path) -> dict[str, Tensor]:

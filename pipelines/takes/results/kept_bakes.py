@@ -7,6 +7,7 @@ space until the take is baked again. Nothing in a take is changed in place, so l
 """
 
 import functools
+import os
 import re
 import unicodedata
 from dataclasses import dataclass
@@ -24,7 +25,15 @@ from v3studio.pipelines.takes.results.integrity import kept_folders, refuse_dama
 from v3studio.pipelines.takes.results.records import StageRecord, read_record, result_of
 from v3studio.pipelines.takes.results.summaries import BakeSummary
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.atomic_files import PARTIAL, atomic_path, link_or_copy, remove, write_json, write_text
+from v3studio.studio.atomic_files import (
+    PARTIAL,
+    atomic_path,
+    link_or_copy,
+    remove,
+    temporary_path,
+    write_json,
+    write_text,
+)
 from v3studio.studio.counts import span
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData, JsonObject
@@ -260,7 +269,7 @@ def choose_bake(take: Take, name: str) -> None:
     """Make a kept bake the take's stream again, with its evaluation and those of its settings that training does not
     depend on. The caller holds the lock. Players that read the stream meanwhile see the old one or the new one, as when
     it is baked. StudioError: `bakes.not_found`, the kept bake is damaged (`take.damaged`), or settings are refused
-    (`settings.*`). OSError: a file cannot be written; then the stage bake runs again."""
+    (`settings.*`). OSError: a file cannot be written; the stream is then the old one."""
     kept = kept_bake(take, name)
     records = [kept.record, *_evaluation_of(kept.take, kept.record)]
     for record in records:
@@ -273,22 +282,28 @@ def choose_bake(take: Take, name: str) -> None:
         fix = f"Bake with other settings, and remove this one: `v3studio bake remove TAKE {name}`."
         file = kept.take.record("bake")
         raise StudioError(error.code, problem, file=file, value=error.value, fix=fix, **error.fields) from None
-    set_settings(take.config, kept.settings)
-    for record in records:  # an evaluation of another stream stays, and is stale
-        take.forget(record.stage)
-    remove(take.work("bake"))
-    manifest = kept.take.stream / "manifest.json"
-    names = {name: None for record in records for name in record.files}
-    work = list(kept.take.work("bake").glob("group_*.json"))
-    for path in (*(kept.take.root / name for name in names), *work):
-        if path != manifest:
-            _link(path, take.root / path.relative_to(kept.take.root))
-    _link(manifest, take.stream / manifest.name)
+    names = {name for record in records for name in record.files}
+    notes = kept.take.work("bake").glob("group_*.json")
+    private = [*notes, *(kept.take.record(record.stage) for record in records)]
+    # the manifest after the files that it names, the records last
+    order = sorted(names, key=lambda name: name == "stream/manifest.json")
+    order += [path.relative_to(kept.take.root).as_posix() for path in private]
+    staged = temporary_path(take.private / "chosen")
+    try:
+        for name in order:  # all that may need space, before anything changes
+            _link(kept.take.root / name, staged / name)
+        set_settings(take.config, kept.settings)
+        for record in records:  # an evaluation of another stream stays, and is stale
+            take.forget(record.stage)
+        remove(take.work("bake"))
+        for name in order:
+            (take.root / name).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(staged / name, take.root / name)
+    finally:
+        remove(staged)
     for path in take.stream.rglob("*"):
         if path.is_file() and path.relative_to(take.root).as_posix() not in names:
             remove(path)
-    for record in records:
-        _link(kept.take.record(record.stage), take.record(record.stage))
 
 
 def remove_bake(take: Take, name: str) -> None:

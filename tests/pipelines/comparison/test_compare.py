@@ -1,3 +1,4 @@
+import errno
 import json
 import shutil
 import signal
@@ -54,6 +55,18 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     images = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert images == ["cam4_000000.png", "cam4_000004.png"]
     assert cv2.imread(str(tmp_path / "out" / images[0]))[60:].any(), "differences are shown"
+
+
+def test_an_earlier_comparison_stays_until_the_next_is_written(two, here, tmp_path, monkeypatch):
+    def fails(path, value):
+        raise OSError(errno.ENOSPC, "no space")
+
+    again = ("compare", two[0], "--frames", ":2", "--out", tmp_path)
+    here(*again, "--images", "2").ok()
+    before = contents(tmp_path)
+    monkeypatch.setattr("v3studio.pipelines.comparison.compare.write_model", fails)
+    here(*again, "--images", "1", "--overwrite").fails("full")
+    assert {name: data for name, data in contents(tmp_path).items() if ".comparing" not in str(name)} == before
 
 
 def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_path):

@@ -13,6 +13,7 @@ from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.results.stage_files import CameraRefinement
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
+from v3studio.studio.errors import Cancelled
 
 pytestmark = pytest.mark.long
 
@@ -47,7 +48,7 @@ def files_of(take: Take) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in files}
 
 
-def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> None:
+def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     take = Take.open(turned / "take")
     train(turned, *SCHEDULE)
     assert not take.refined_rig.exists(), "cameras from a file stay as they are"
@@ -67,6 +68,16 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path) -> No
 
     first = files_of(take)
     assert first["frame_000000.safetensors"] != plain
+
+    def fails(*arguments: object, **options: object) -> None:
+        raise Cancelled
+
+    with monkeypatch.context() as patched:
+        patched.setattr("v3studio.studio.training.refine_cameras", fails)
+        with pytest.raises(Cancelled):
+            train(turned, *ALWAYS, "run.seed=5")
+    assert files_of(take) == first, "they stay until others are complete"
+
     # as after a kill while they are refined
     for path in (take.camera_refinement, take.trained_frame(0, 0), take.trained_frame(1, 3)):
         path.unlink()

@@ -127,7 +127,7 @@ class Run:
         self.take.private.mkdir(exist_ok=True)
         groups = cut_into_groups(tuple(range(6)), 2)
         config = Config.model_validate({"capture": {"root": "/footage"}, "run": self.settings})
-        inputs: Any = SimpleNamespace(take=self.take, config=config, threads=1, groups=groups)
+        inputs: Any = SimpleNamespace(take=self.take, config=config, threads=1, groups=groups, since={})
         reporter = StageReporter("bake", self.events.append, self.cancellation, itertools.count().__next__)
         executor = RayExecutor(self.ray)
         stage: Any = self.stage

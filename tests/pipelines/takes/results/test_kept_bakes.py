@@ -1,5 +1,7 @@
+import errno
 import json
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -72,7 +74,7 @@ def test_a_name_is_the_same_in_each_form_of_its_letters(take: Take) -> None:
 
 
 def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
-    """As after an interrupted `train --live`, which replaces the manifest, and the record stays."""
+    """As after another program replaced the manifest."""
     manifest = take.stream / "manifest.json"
     text = manifest.read_text()
     manifest.write_text(text.replace("1", "2", 1))
@@ -130,6 +132,24 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     here("bake", "remove", take.root, "fine").ok()
     assert kept_bakes(take) == []
     assert contents(take.stream) == first
+
+
+def test_a_bake_that_cannot_be_chosen_leaves_the_stream_as_it_is(
+    take: Take, here: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here("bake", "keep", take.root, "fine").ok()
+    here("run", take.root, "--bake.quality", "40").ok()
+    before = {path: path.read_bytes() for path in take.root.rglob("*") if path.is_file()}
+
+    def fails(source: str, target: str) -> None:
+        if Path(source).name == "report.html":
+            raise OSError(errno.ENOSPC, "no space")
+        shutil.copy2(source, target)
+
+    monkeypatch.setattr("v3studio.pipelines.takes.results.kept_bakes.link_or_copy", fails)
+    here("bake", "choose", take.root, "fine").fails()
+    after = {path: path.read_bytes() for path in take.root.rglob("*") if path.is_file()}
+    assert {path for path in before | after if before.get(path) != after.get(path)} == set()
 
 
 def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) -> None:
