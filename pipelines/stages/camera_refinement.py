@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from v3studio.pipelines.reports.calibration import write_calibration_page
-from v3studio.pipelines.stages.calibrate import given_cameras
 from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training_views import training_views
 from v3studio.pipelines.takes.files.json_files import write_model
-from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement
+from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement, cameras_source
 from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.cameras import Camera, Rig
@@ -29,11 +28,11 @@ VERSION = 2
 
 
 def refines_cameras(inputs: Inputs) -> bool:
-    """Whether the settings ask for refined cameras, see `train.refine_cameras`."""
+    """Whether cameras are refined (`train.refine_cameras`): with "auto", those that were calibrated from footage."""
     wanted = inputs.config.train.refine_cameras
     if wanted != "auto":
         return wanted == "always"
-    return not inputs.config.calibrate.board_images and given_cameras(inputs) is None
+    return cameras_source(inputs.take) in ("footage", "tie points")
 
 
 def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str) -> None:

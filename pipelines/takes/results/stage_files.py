@@ -144,6 +144,15 @@ def read_cameras_report(take: Take) -> CamerasReport | None:
     return validated(path, values, CamerasFromFile)
 
 
+def cameras_source(take: Take) -> str | None:
+    """What calibration took the cameras from: "file", "board", "tie points" or "footage"; None if it has not run.
+    Raises StudioError: `take.damaged`."""
+    path = take.calibration_report
+    values = read_json(path) if path.is_file() else None
+    source = values.get("source") if isinstance(values, dict) else None
+    return source if isinstance(source, str) else None
+
+
 NOT_CHECKED = "The cameras are not checked yet; initialize does that."
 
 

@@ -1,4 +1,6 @@
 import json
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.events import Event, Log
 from v3studio.pipelines.runs.runner import run, status
+from v3studio.pipelines.stages import stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.results.stage_files import CameraRefinement
@@ -97,6 +100,29 @@ def test_they_are_kept_in_the_take_and_come_back_bit_for_bit(turned: Path, monke
     assert not take.camera_refinement.exists()
     assert take.trained_frame(0, 0).read_bytes() == plain
     assert status(take, config)["train"].state == "stale"
+
+
+def test_where_the_cameras_are_from_is_found_once(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Calibration finds it; naming the frames of a group again looks into no folder of the footage."""
+    (copied / "capture" / "cameras.json").unlink()
+    take = Take.open(copied / "take")
+    inputs = Inputs(take, settings_in(copied, "capture.rig=auto"))
+    scanned: list[str] = []
+    scandir = os.scandir
+
+    def counted(path: str | os.PathLike[str] = ".") -> Iterator[os.DirEntry[str]]:
+        scanned.append(os.fspath(path))
+        return scandir(path)
+
+    keys = []
+    for source in ("file", "board", "footage", "tie points"):
+        take.calibration_report.write_text(json.dumps({"source": source}))
+        keys.append(stage_named("train").group_code.group_key(inputs, inputs.groups[0]))
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "scandir", counted)
+            assert stage_named("train").group_code.group_key(inputs, inputs.groups[0]) == keys[-1]
+    assert [path for path in scanned if path.startswith(str(copied / "capture"))] == []
+    assert keys[0] == keys[1] != keys[2] == keys[3], "cameras that come from the footage are refined"
 
 
 def test_cameras_that_gain_nothing_are_not_used(turned: Path, monkeypatch: pytest.MonkeyPatch) -> None:
