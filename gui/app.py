@@ -86,8 +86,8 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
         # Ticking until False lets the window close in order; leaving earlier made Python hang or crash at exit.
         if not application.run_one_tick():
             return False
-        if stopped or window.wants_close:
-            stopped = window.wants_close = False
+        if stopped or window.close_requests.wanted:
+            stopped = window.close_requests.wanted = False
             window.close()
         return True
 

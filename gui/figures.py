@@ -1,46 +1,50 @@
 """Keeps the figures of quality up to date: the evaluation, and what the timeline plots of it."""
 
 from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.timeline_plots import PLOTTED, plots_of
-from v3studio.gui.models.take.workspace import modified
-from v3studio.gui.shell import Shell
+from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.timeline import TimelinePanel
 from v3studio.pipelines.takes.results.evaluation import measured_earlier_bake
 
 
 class QualityFigures:
-    """See the module; it acts through the main window."""
+    """Reads the evaluation of the open take, and has the timeline plot it."""
 
-    def __init__(self, window: Shell) -> None:
-        self._window = window
+    def __init__(
+        self, player: PlayerPresenter, workspace: Workspace, views: StageViews, timeline: TimelinePanel
+    ) -> None:
+        self._player, self._workspace, self._views, self._timeline = player, workspace, views, timeline
+        self.evaluation = Evaluation()
         self._seen: object = None
 
     @property
     def camera(self) -> str:
         """The camera whose figures are shown; "" for the mean, as over an edit, which has a view of its own."""
-        return self._window.player.camera if self._window.views.shows_player else ""
+        return self._player.camera if self._views.shows_player else ""
 
     def update(self) -> None:
         """Read the evaluation again if it has changed. Call before the window is drawn."""
-        window = self._window
-        take, frames = window.workspace.take, window.player.transport.frame_count
+        take, player = self._workspace.take, self._player
+        frames = player.transport.frame_count
         stamp: object = None
         if take is not None:
             stamp = (take.root, modified(take.evaluation), modified(take.record("bake")))
-        bake = window.workspace.assessment.stages.get("bake")
+        bake = self._workspace.assessment.stages.get("bake")
         changed = bake is not None and bake.state == "stale"
-        camera, other, audio = self.camera, window.player.other, window.player.audio
+        camera, other, audio = self.camera, player.other, player.audio
         waveform = audio.waveform if audio is not None else None  # None until it is known, too
         seen = (stamp, changed, frames, camera, other, audio, waveform is None)
         if self._seen == seen:
             return
         self._seen = seen
         stale = take is not None and (changed or measured_earlier_bake(take))
-        evaluation = Evaluation() if take is None else Evaluation.read(take.evaluation, stale)
-        window.evaluation = evaluation
+        evaluation = self.evaluation = Evaluation() if take is None else Evaluation.read(take.evaluation, stale)
         others = {name: other.series(name, camera) for name in PLOTTED} if other is not None else None
         series = {name: evaluation.series(name, frames, camera) for name in PLOTTED}
         whose = evaluation.whose(camera), evaluation.whose(camera, briefly=True)
         plots = plots_of(series, whose[0], others, whose[1], ", earlier bake" * evaluation.stale)
-        window.timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
+        self._timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
         against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
-        window.timeline.explanation = evaluation.explanation + against
+        self._timeline.explanation = evaluation.explanation + against

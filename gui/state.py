@@ -1,75 +1,112 @@
-"""What the window shows, as plain values, for tests and bug reports."""
+"""What the window shows, as plain values, for tests and bug reports. Functions return parts of a line of `--log-state`.
 
-from __future__ import annotations
+Places of what is drawn in an image are the middle of it, 0 to 1 across and down its widget, by name.
+"""
 
 import json
 import os
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
-from v3studio.gui.shell import Shell
+from open3d.visualization import gui
+
+from v3studio.gui.layout import Layout, Panels
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.take.exports import Exports
+from v3studio.gui.models.take.serving import Serving
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.pipelines.takes.authored.edits import describe
 from v3studio.studio.json_types import JsonObject
 
-if TYPE_CHECKING:
-    from open3d.visualization import gui
 
-
-def state_of(window: Shell) -> JsonObject:
-    """A line of `--log-state`. Places are the middle of something, 0 to 1 across and down its widget, by name."""
-    player, stages, views = window.player, window.stages, window.views
-    transport = player.transport
-    widgets = {name: widget for name, widget in _widgets(window).items() if widget.visible or name == "viewport"}
+def take_state(workspace: Workspace, marks: Marks, views: StageViews) -> JsonObject:
+    """The open take: its stages, edits and marks."""
+    editor = views.editor
     return {
-        "title": window.window.title,
-        "message": window.message.text,  # over the view
-        "opening": window.workspace.opening,
-        "dialog": window.dialogs.name,
-        "typing": window.dialogs.typing,  # whether the dialog's text field has the keyboard focus
-        "lines": window.dialogs.lines,
+        "opening": workspace.opening,
+        "stages": {row.key: [row.state, row.words, row.detail] for row in workspace.rows()},
+        "busy": workspace.busy,
+        "edits": describe(editor.edits),
+        "selected": editor.measured.selected if views.edits_take else 0,  # splats
+        "marks": {str(frame): note for frame, note in sorted(marks.notes.items())},
+    }
+
+
+def playback_state(player: PlayerPresenter, views: StageViews) -> JsonObject:
+    """The frame and the view of it."""
+    transport, orbit = player.transport, player.orbit
+    return {
         "stage": views.stage,
         "mode": sorted(views.chosen()),  # the pressed buttons above the view
-        "edits": describe(views.editor.edits),
-        "selected": views.editor.measured.selected if views.edits_take else 0,  # splats
-        "fullscreen": window.layout.fullscreen,
-        "figures": window.layout.shows_figures,
-        "stages": {row.key: [row.state, row.words, row.detail] for row in window.workspace.rows()},
-        "busy": window.workspace.busy,
-        "upcoming": stages.upcoming,  # the button to press next
-        "error": stages.error.text,  # in the left panel
         "frame": transport.frame,
         "number": transport.number(transport.frame),  # of this frame in the footage
         "frames": transport.frame_count,
         "playing": transport.playing,
         "span": transport.span,
-        # places of the buttons in the log
-        "fixes": window.inspector.view.areas.middles(window.inspector.log.size) if window.layout.shows_figures else {},
         "what": player.what,
         "compare": player.mode,
         "wipe": round(player.wipe, 3),
         "camera": player.camera,
         "alone": views.capture.camera,
-        "menu_camera": window.camera_menu.camera,
-        "places": _places(window),  # of what shows a camera, and of the ends of the scene's axes; those in front last
         "shown": player.picture.request.frame if player.picture else None,  # frame of the newest image
         "settled": views.settled,
-        "pictures": window.pictures,  # number of images shown so far
-        "plots": [plot.title for plot in window.timeline.plots],
-        "notice": window.notices.text,
-        "start": window.start.shown,
-        "cards": [[card.name, card.state, card.quality] for card in window.start.page.shown],
-        "start_places": window.start.places if window.start.shown else {},
-        "focus": window.start.page.focus if window.start.shown else "",
-        "numbers": window.numbers,  # the frames that the image, the figures and the timeline show
-        "exporting": window.exports.words,
-        "serving": window.serving.address,
-        "marks": {str(frame): note for frame, note in sorted(window.marks.notes.items())},
-        "path": [[round(key.time, 3), key.frame, key.easing] for key in window.exports.path.keys],
-        "orbit": [player.orbit.yaw, player.orbit.pitch, player.orbit.distance, *player.orbit.target.tolist()],
-        "timeline_left": window.timeline.plots_view.left,  # column where frame 0 begins
-        "timeline_width": window.timeline.plots_view.timeline.width,  # columns of all frames
-        "zoom": window.timeline.zoom.shown,  # frames in the timeline; None for all
+        "orbit": [orbit.yaw, orbit.pitch, orbit.distance, *orbit.target.tolist()],
+    }
+
+
+def output_state(exports: Exports, serving: Serving, notices: Notices) -> JsonObject:
+    """What is written and served, and what is reported."""
+    return {
+        "exporting": exports.words,
+        "serving": serving.address,
+        "notice": notices.text,
+        "path": [[round(key.time, 3), key.frame, key.easing] for key in exports.path.keys],
+    }
+
+
+def dialog_state(dialogs: Dialogs) -> JsonObject:
+    """The open dialog."""
+    return {
+        "dialog": dialogs.name,
+        "typing": dialogs.typing,  # whether its text field has the keyboard focus
+        "lines": dialogs.lines,
+    }
+
+
+def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: StageViews, dialogs: Dialogs) -> JsonObject:
+    """Where widgets are, and what they show."""
+    start, inspector, timeline = panels.start, panels.inspector, panels.timeline
+    widgets = {
+        name: widget
+        for name, widget in _widgets(panels, views, dialogs).items()
+        if widget.visible or name == "viewport"
+    }
+    return {
+        "title": window.title,
+        "message": panels.message.text,  # over the view
+        "fullscreen": layout.fullscreen,
+        "figures": layout.shows_figures,
+        "upcoming": panels.stages.upcoming,  # the button to press next
+        "error": panels.stages.error.text,  # in the left panel
+        # places of the buttons in the log
+        "fixes": inspector.view.areas.middles(inspector.log.size) if layout.shows_figures else {},
+        "menu_camera": panels.camera_menu.camera,
+        "places": _places(views, panels.viewport.picture_size),
+        "pictures": panels.viewport.pictures,
+        "plots": [plot.title for plot in timeline.plots],
+        "start": start.shown,
+        "cards": [[card.name, card.state, card.quality] for card in start.page.shown],
+        "start_places": start.places if start.shown else {},
+        "focus": start.page.focus if start.shown else "",
+        "timeline_left": timeline.plots_view.left,  # column where frame 0 begins
+        "timeline_width": timeline.plots_view.timeline.width,  # columns of all frames
+        "zoom": timeline.zoom.shown,  # frames in the timeline; None for all
         "widgets": {
             name: [frame.x, frame.y, frame.width, frame.height]
             for name, frame in ((name, widget.frame) for name, widget in widgets.items())
@@ -78,33 +115,36 @@ def state_of(window: Shell) -> JsonObject:
     }
 
 
-def _places(window: Shell) -> dict[str, list[float]]:
-    view, size = window.views.stage_view, window.viewport.picture_size
-    cameras, ends = window.player.scene_places
-    scene = (*cameras, *ends) if window.views.shows_scene else ()
-    found = scene if view is None else view.places
-    return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in found}
+def _places(views: StageViews, size: tuple[int, int]) -> dict[str, list[float]]:
+    """Places of the cameras in the view, and of the ends of the scene's axes; those in front are last."""
+    view = views.stage_view
+    cameras, ends = views.player.scene_places
+    scene = (*cameras, *ends) if views.shows_scene else ()
+    places = scene if view is None else view.places
+    return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in places}
 
 
-def _widgets(window: Shell) -> dict[str, gui.Widget]:
-    settings = window.stages.settings[window.stages.selected]
+def _widgets(panels: Panels, views: StageViews, dialogs: Dialogs) -> dict[str, gui.Widget]:
+    """All widgets that can be pressed or read, by the names by which tests find them."""
+    stages = panels.stages
+    settings = stages.settings[stages.selected]
     return {
-        "viewport": window.viewport.picture.widget,
-        "timeline": window.timeline.picture.widget,
-        "stages": window.stages.list.widget,
-        "inspector": window.inspector.figures.widget,
-        "log": window.inspector.log.widget,
-        "path": window.path_panel.picture.widget,
-        "status": window.status,
-        "hint": window.hints.picture.widget,
-        "start page": window.start.picture.widget,
-        **{f"notice {key}": button for key, button in window.notice_bar.buttons.items()},
-        **window.controls.buttons,
-        **window.stages.buttons,
-        "error setting": window.stages.link,
-        **{f"camera {key}": button for key, button in window.camera_menu.buttons.items()},
-        **{key: button for (row, key), button in window.modes.buttons.items() if row == window.views.row},
-        **{f"dialog {key}": widget for key, widget in window.dialogs.widgets.items()},
+        "viewport": panels.viewport.picture.widget,
+        "timeline": panels.timeline.picture.widget,
+        "stages": stages.list.widget,
+        "inspector": panels.inspector.figures.widget,
+        "log": panels.inspector.log.widget,
+        "path": panels.path_panel.picture.widget,
+        "status": panels.status,
+        "hint": panels.hints.picture.widget,
+        "start page": panels.start.picture.widget,
+        **{f"notice {key}": button for key, button in panels.notice_bar.buttons.items()},
+        **panels.controls.buttons,
+        **stages.buttons,
+        "error setting": stages.link,
+        **{f"camera {key}": button for key, button in panels.camera_menu.buttons.items()},
+        **{key: button for (row, key), button in panels.modes.buttons.items() if row == views.row},
+        **{f"dialog {key}": widget for key, widget in dialogs.widgets.items()},
         "settings filter": settings.filter,
         **settings.widgets,
         **{f"setting {name}": editor for name, (_, editor) in settings.editors.items()},
@@ -113,9 +153,15 @@ def _widgets(window: Shell) -> dict[str, gui.Widget]:
 
 class StateLog:
     """Appends a JSON line to a file whenever the state has changed. FILE.ticks contains the number of ticks so far: a
-    program that drives the window waits for a few of them to be sure that an input event has been processed."""
+    program that drives the window waits for a few of them to be sure that an input event has been processed.
 
-    def __init__(self, path: Path | None) -> None:
+    Args:
+        path: the file; None for none.
+        parts: functions that return parts of the state.
+    """
+
+    def __init__(self, path: Path | None, parts: Sequence[Callable[[], JsonObject]]) -> None:
+        self._parts = parts
         self._file: TextIO | None = None
         self._last: dict[str, Any] = {}
         self._ticks = -1
@@ -124,11 +170,13 @@ class StateLog:
             self._ticks_file = path.with_name(path.name + ".ticks").open("wb", buffering=0)
             self.tick()  # 0: the first state is written before the first tick is counted
 
-    def write(self, window: Shell) -> None:
-        """Call at each tick."""
+    def write(self) -> None:
+        """Write the state if it has changed. Call at each tick."""
         if self._file is None:
             return
-        state = state_of(window)
+        state: JsonObject = {}
+        for part in self._parts:
+            state |= part()
         if state != self._last:
             self._last = state
             self._file.write(json.dumps({"time": time.time(), **state}) + "\n")

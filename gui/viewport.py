@@ -17,7 +17,8 @@ _STILL = 3.0  # pixels that the pointer may move during a click
 
 class Viewport:
     """Shows images and turns mouse events into gestures of the views, at pixels of the image. `most_pixels`: maximum
-    number of pixels of an image, which bounds the time to render it; it is stretched to the widget."""
+    number of pixels of an image, which bounds the time to render it; it is stretched to the widget. `pictures`: number
+    of images shown so far."""
 
     most_pixels: int
 
@@ -27,7 +28,7 @@ class Viewport:
         self._pulling = False
         self._clicking = self._right = False
         self.clicked_at = self._start = (0.0, 0.0)
-        self.picture_size = (16, 16)
+        self.picture_size, self.pictures = (16, 16), 0
         self.picture = ImagePanel(self.on_mouse)
 
     @property
@@ -38,7 +39,7 @@ class Viewport:
         return max(int(width * shrink), 16), max(int(height * shrink), 16)
 
     def show(self, pixels: np.ndarray) -> None:
-        self.picture_size = (pixels.shape[1], pixels.shape[0])
+        self.picture_size, self.pictures = (pixels.shape[1], pixels.shape[0]), self.pictures + 1
         self.picture.show(pixels)
 
     def on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:

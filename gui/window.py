@@ -1,339 +1,383 @@
-"""The main window: makes the models, actions and widgets, connects them, and runs them at each tick."""
+"""The main window: makes the models, actions and panels, connects them, and runs them at each tick."""
 
-import time
 from functools import partial
 from pathlib import Path
 
 from open3d.visualization import gui, rendering
 
 from v3studio.gui.actions import menus
+from v3studio.gui.actions.bakes import BakeActions
+from v3studio.gui.actions.camera_uses import CameraUseActions
+from v3studio.gui.actions.cameras import CameraActions, CameraMenuActions
 from v3studio.gui.actions.commands import ITEMS, MENUS, Actions
-from v3studio.gui.actions.help import apply_fix, show_stage_help
-from v3studio.gui.actions.opening import Opening
+from v3studio.gui.actions.edits import EditActions
+from v3studio.gui.actions.help import HelpActions
+from v3studio.gui.actions.marks import MarkActions
+from v3studio.gui.actions.opening import OpenDialogs, Opening, PasteActions
+from v3studio.gui.actions.output import OutputActions
+from v3studio.gui.actions.path import PathActions
+from v3studio.gui.actions.points import PointActions
+from v3studio.gui.actions.preferences import PreferenceActions
+from v3studio.gui.actions.queue import QueueActions
+from v3studio.gui.actions.reports import Reports
+from v3studio.gui.actions.review import ReviewActions
+from v3studio.gui.actions.runs import RunActions
+from v3studio.gui.actions.search import SearchActions
+from v3studio.gui.actions.settings import SettingRequests
+from v3studio.gui.actions.shares import ShareActions
+from v3studio.gui.actions.start import StartActions, StartScreen
+from v3studio.gui.actions.worst import WorstActions
 from v3studio.gui.drawing.icons import FONT
-from v3studio.gui.drawing.palette import DIM, TEXT
+from v3studio.gui.drawing.palette import DIM, GROUND, PANEL, TEXT
 from v3studio.gui.figures import QualityFigures
-from v3studio.gui.models.loop import LOOP
+from v3studio.gui.layout import Layout, Panels
+from v3studio.gui.models.loop import LOOP, later
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.thumbnails import Thumbnails
+from v3studio.gui.models.preferences import PICTURE_SIZES, Preferences
+from v3studio.gui.models.take.exports import Exports
+from v3studio.gui.models.take.serving import Serving
+from v3studio.gui.models.take.take_queue import TakeQueue
+from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import close_all
 from v3studio.gui.overlays import Overlays
+from v3studio.gui.pace import Pace
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.pages.start.page import StartPage
 from v3studio.gui.pages.start.panel import StartPanel
+from v3studio.gui.platform.clipboard import Clipboard
+from v3studio.gui.platform.closing import CloseRequests
 from v3studio.gui.platform.fonts import title_font, use_icons
+from v3studio.gui.platform.input_order import InputOrder
 from v3studio.gui.platform.menu_bar import MenuBar
-from v3studio.gui.shell import Layout, Shell
-from v3studio.gui.state import StateLog
-from v3studio.gui.user_input import UserInput
+from v3studio.gui.platform.presses import Chords
+from v3studio.gui.platform.x_window import XDisplay
+from v3studio.gui.state import StateLog, dialog_state, output_state, panel_state, playback_state, take_state
+from v3studio.gui.updates import mark_timeline, path_pictures, update_buttons, update_inspector, update_status
+from v3studio.gui.user_input import Keyboard, KeysOverPanels, UserInput
 from v3studio.gui.viewport import Viewport
 from v3studio.gui.widgets.camera_menu import CameraMenu
 from v3studio.gui.widgets.controls import ControlsPanel
+from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.hints import Hints
 from v3studio.gui.widgets.inspector import InspectorPanel
 from v3studio.gui.widgets.modes import ModesPanel
 from v3studio.gui.widgets.notice_bar import NoticeBar
 from v3studio.gui.widgets.path_panel import PathPanel
-from v3studio.gui.widgets.picture import color, put
+from v3studio.gui.widgets.picture import make_label, put
+from v3studio.gui.widgets.raycast import RaycastMesh
+from v3studio.gui.widgets.settings import SettingsList
 from v3studio.gui.widgets.stages import StagesPanel
 from v3studio.gui.widgets.swap_guard import SwapGuard
 from v3studio.gui.widgets.timeline import TimelinePanel
-from v3studio.pipelines.events import as_message
+from v3studio.pipelines.new_take import sample_settings
 
-SOFTWARE_PAUSE, LONGER_PAUSE = 1 / 10, 1 / 5
-"""Minimum seconds between two draws of the window if the CPU draws it, which takes 90 ms of a core: leaves time to
-render frames. The longer one applies while rendering falls behind playback."""
-
-JOB_PAUSE, ATTENTION = 1 / 2, 2.0
-"""The same while a job, which needs the CPU more, runs; seconds after the window was touched from which it applies."""
-
-REST = 0.05  # seconds between two looks at everything while nothing happens
-LOOK_EVERY = 0.5  # seconds between two looks at the file of the marks, which browsers also change
 LEAST_SIZE = (51, 40)  # width and height of the window in em below which controls would be cut off
 
 
-class MainWindow(Shell):
-    """See the module. `ticks`: completed ones, without those at rest; `log`: file to which a JSON line is appended
-    whenever the state has changed; None for none."""
+class MainWindow:
+    """The window with everything that it shows.
+
+    Args:
+        size: width and height, pixels.
+        log: file to which a JSON line is appended whenever the state has changed; None for none.
+        device: name of the graphics device.
+        software: whether that is the CPU.
+
+    Attributes:
+        ticks: number of completed ticks, without those at rest.
+        numbers: the frames that the image, the figures and the timeline showed when they were drawn last.
+    """
 
     def __init__(self, size: tuple[int, int], log: Path | None, device: str, software: bool) -> None:
         application = gui.Application.instance
         if application.menubar is None:  # the first window
             use_icons(application, FONT)
             menus.build(application, MENUS)
-        super().__init__(size, device, title_font(application))
-        self._software = software
-        self._log = StateLog(log)
-        self.ticks = 0
-        self._next_look = self._last_input = 0.0
+        titles = title_font(application)
+        self.window = gui.Application.instance.create_window("V3 Studio", *size)
+        self.em = float(self.window.theme.font_size)
         # Without a scene that lives as long as the window, Open3D 0.20 leaks about 2 MB for each drawn frame.
         self._keep_alive = rendering.Open3DScene(self.window.renderer)
-        self.x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
-        self._guard = SwapGuard(lambda: self.input.pointer, self.em)
-        self.input.pressed = self.dialogs.pressed
-        self.dialogs.last_folder, self.dialogs.remembered = self.preferences.folder, self._remember_folder
-        self.actions = Actions(self)
-        self.places = Opening(self, self._opening_ended)
-        self._build()
-        self._user = UserInput(self, self.actions, MenuBar(self.em, menus.boxes(MENUS, self.em)))
-        self._quality = QualityFigures(self)
+        self.ticks = 0
+        self.numbers: list[int | None] = [None, None, None]
+        self._make_models()
+        self._x = XDisplay()
+        self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
+        self._input, self._chords, self._clipboard = InputOrder(self._x.window), Chords(), Clipboard()
+        self.close_requests = CloseRequests(lambda: self._x.escape_down or self._input.reports.escaping)
+        self.dialogs = Dialogs(self.window, titles)
+        self._input.pressed = self.dialogs.pressed
+        self.dialogs.last_folder = self.preferences.folder
+        self._pace = Pace(software, self._input, self.player, self.workspace, self.dialogs)
+        self.changed = self._pace.changed
+        self._make_panels()
+        self._make_actions(device)
+        self._make_input()
+        self._log = StateLog(log, (
+            partial(take_state, self.workspace, self.marks, self.views),
+            partial(playback_state, self.player, self.views),
+            partial(output_state, self.exports, self.serving, self.notices),
+            partial(dialog_state, self.dialogs),
+            partial(panel_state, self.window, self.panels, self.layout, self.views, self.dialogs),
+            lambda: {"numbers": self.numbers},
+        ))  # fmt: skip
+        self._connect()
+        self._apply_preferences()
+        self._screen.update()
+
+    def _make_models(self) -> None:
+        self.preferences = Preferences.read()
+        self.workspace, self.player = Workspace(), PlayerPresenter(read_mesh=RaycastMesh)
+        self.views = StageViews(self.workspace, self.player)
+        self.exports, self.serving, self.marks = Exports(), Serving(), Marks()
+        self.notices, self._thumbnails = Notices(), Thumbnails()
+
+    def _make_panels(self) -> None:
+        em, changed, workspace, player = self.em, self.changed, self.workspace, self.player
+        self._guard = SwapGuard(lambda: self._input.pointer, em)
+        hints = Hints(self._input.active, em)
+        page = StartPage(TakeQueue(), sample_settings() is not None)
+        timeline = TimelinePanel(player, em, changed)
+        stages = StagesPanel(
+            workspace, em, self.views.select, lambda stage, again: self.actions.runs.run(stage, again), changed,
+            lambda field: self._settings.pick(field), self._widen, lambda: self.actions.help.show_stage(),
+            self._guard, hints,
+        )  # fmt: skip
+        self.panels = Panels(
+            viewport=Viewport(self.views, changed),
+            timeline=timeline,
+            controls=ControlsPanel(player, em, self.views.reset, timeline.fit, changed, hints),
+            modes=ModesPanel(self.views.choices(), em, self._chosen, hints),
+            stages=stages,
+            inspector=InspectorPanel(
+                em, changed, lambda fix: self._settings.apply_fix(fix), self.window.set_needs_layout
+            ),
+            camera_menu=CameraMenu(em, changed),
+            path_panel=PathPanel(em, self.exports.path, lambda what, row: self.actions.path.act(what, row), changed),
+            start=StartPanel(page, em, lambda name: self._start.act(name), changed),
+            notice_bar=NoticeBar(self.notices, em, self._clipboard, changed),
+            hints=hints,
+            status=make_label("", DIM, PANEL),
+            message=make_label("", TEXT, GROUND),
+        )
+        self.panels.message.visible = False
+        self.layout = Layout(self.window, em, self.panels, self.dialogs, self.views)
         self.layout.left = self.preferences.panel_width
+        self._quality = QualityFigures(player, workspace, self.views, timeline)
+        self._overlays = Overlays(self.panels, self.layout, workspace, self.views, self.notices, em)
+        for widget in (*self.layout.fills, *self.panels.widgets, self.dialogs.shade):
+            self.window.add_child(widget)
+
+    def _make_actions(self, device: str) -> None:
+        player, workspace, views, exports = self.player, self.workspace, self.views, self.exports
+        dialogs, notices, preferences, panels = self.dialogs, self.notices, self.preferences, self.panels
+        thumbnails, quality, changed = self._thumbnails, self._quality, self.changed
+        self._opening = Opening(player, workspace, views, preferences, notices)
+        self._settings = SettingRequests(workspace, panels.stages, dialogs, notices)
+        self._screen = StartScreen(panels.start, self.layout, player, workspace, preferences, changed)
+        opening = OpenDialogs(player, preferences, dialogs, self.open, changed)
+        outputs = OutputActions(player, workspace, views, exports, dialogs, notices)
+        cameras, uses = CameraActions(player, views), CameraUseActions(workspace, dialogs, notices)
+        CameraMenuActions(
+            workspace, views, quality, panels.viewport, panels.camera_menu, cameras, uses, self.window.set_needs_layout
+        )
+        bakes = BakeActions(player, workspace, views, dialogs, notices, changed)
+        wanted = {"cameras": uses.ask, "bakes": bakes.show}
+        views.dialog_wanted.connect(later(lambda name: wanted[name]()))
+        page = panels.start.page
+        self._start = StartActions(
+            page, self._screen, preferences, notices, self.open, lambda key: self.actions.act(ITEMS[key])
+        )
+        self._pasting = PasteActions(self._clipboard, notices, self.open, opening.new_take)
+        self.actions = Actions(
+            opening=opening,
+            preferences=PreferenceActions(preferences, dialogs, notices, self._apply_preferences),
+            outputs=outputs,
+            runs=RunActions(workspace, views, dialogs, self.close_requests),
+            edits=EditActions(player, workspace, views, dialogs, notices, changed),
+            review=ReviewActions(player, views, notices, self._guard),
+            worst=WorstActions(player, quality, thumbnails, dialogs, cameras.look_through),
+            queue=QueueActions(page.queue, workspace, dialogs, self.open),
+            screen=self._screen,
+            layout=self.layout,
+            marks=MarkActions(player, self.marks, workspace, dialogs, notices),
+            points=PointActions(workspace, views, dialogs),
+            path=PathActions(
+                player, views, exports.path, self.layout, dialogs, notices, lambda: outputs.export("camera-path")
+            ),
+            shares=ShareActions(player, workspace, exports, self.serving, dialogs, notices),
+            help=HelpActions(views, self._settings, dialogs, notices, device),
+            search=SearchActions(
+                dialogs, self._chords, MENUS, lambda item: self.actions.act(item),
+                lambda item: self.actions.why_not(item), changed,
+            ),
+            notices=notices,
+        )  # fmt: skip
+        dialogs.remembered = self.actions.preferences.keep_folder
+        page.queue.watched = lambda: self._screen.shown or self.actions.queue.shown
+        panels.timeline.moved_key = self.actions.path.move_frame
+
+    def _make_input(self) -> None:
+        panels, views, dialogs, actions = self.panels, self.views, self.dialogs, self.actions
+        bar = MenuBar(self.em, menus.boxes(MENUS, self.em), lambda: self.window.content_rect.y)
+        escapes = (
+            self.notices.dismiss,
+            lambda: self._screen.shown and self._screen.hide(),
+            panels.camera_menu.close,
+            self.layout.close_log,
+            views.leave_camera,
+            views.leave,
+            lambda: self.player.transport.clear_span(),
+            lambda: self.layout.set_fullscreen(False),
+        )
+
+        def settings() -> SettingsList:
+            return panels.stages.settings[panels.stages.selected]
+
+        over = KeysOverPanels(panels, views, self.notices, self._chords, self._pasting)
+        keyboard = Keyboard(
+            self._input, self._chords, dialogs, self.close_requests, bar, actions, over, settings, escapes, self.changed
+        )
+        self._user = UserInput(
+            self._input, keyboard, self._chords, dialogs, bar, panels, actions, settings, lambda: self._x.buttons,
+            self.changed,
+        )  # fmt: skip
         self.window.set_on_layout(self.layout.place)
-        self.window.set_on_tick_event(self._on_tick)
-        self.window.set_on_key(self._user.on_key)
+        self.window.set_on_tick_event(self.tick)
+        self.window.set_on_key(keyboard.on_key)
         self.window.set_on_close(self.close_requests.asked)
         for number, item in enumerate(ITEMS.values(), start=1):
             self.window.set_on_menu_item_activated(number, partial(self._user.item_chosen, item))
-        self._connect()
-        self.apply_preferences()
-        self.actions.start.update()
-
-    def _build(self) -> None:
-        em, changed = self.em, self.changed
-        self.viewport = Viewport(self.views, changed)
-        self.timeline = TimelinePanel(self.player, em, changed)
-        hints = self.hints = Hints(self.input.active, em)
-        self.controls = ControlsPanel(self.player, em, self.views.reset, self.timeline.fit, changed, hints)
-        self.modes = ModesPanel(self.views.choices(), em, self._chosen, hints)
-        self.stages = StagesPanel(
-            self.workspace, em, self.views.select, self.actions.run, changed, self.actions.pick, self._widen,
-            partial(show_stage_help, self), self._guard, hints,
-        )  # fmt: skip
-        self.inspector = InspectorPanel(em, changed, partial(apply_fix, self), self.window.set_needs_layout)
-        self.camera_menu = CameraMenu(em, changed)
-        self.path_panel = PathPanel(em, self.exports.path, self.actions.path.act, changed)
-        self.timeline.moved_key = self.actions.path.move_frame
-        start = self.actions.start
-        self.start = StartPanel(start.page, em, start.act, changed)
-        self.notice_bar = NoticeBar(self.notices, em, self.actions.clipboard, changed)
-        self.overlays: Overlays = Overlays(self, self.actions)
-        self._pictures = (
-            self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
-            self.path_panel.picture, self.start.picture, hints.picture,
-        )  # fmt: skip
-        self.layout: Layout = Layout(self)
-        for widget in (
-            *self.layout.fills,
-            self.viewport.picture.widget,
-            *(row.widget for row in self.modes.rows.values()),
-            self.timeline.picture.widget,
-            self.controls.widget,
-            *self.stages.widgets,
-            *self.inspector.widgets,
-            self.path_panel.picture.widget,
-            self.status,
-            self.message,
-            hints.picture.widget,
-            self.camera_menu.widget,
-            self.start.picture.widget,
-            self.notice_bar.widget,
-            self.dialogs.shade,
-        ):
-            self.window.add_child(widget)
 
     def _connect(self) -> None:
         workspace, exports = self.workspace, self.exports
+        reports = self._reports = Reports(workspace, exports, self.marks, self.notices, self.changed)
         self.views.selected.connect(self._selected)
-        workspace.changed.connect(self.changed)
-        workspace.refused.connect(self._run_refused)
-        workspace.changed.connect(self._forget_refusals)
-        workspace.run_ended.connect(partial(self.notices.show, topic="run"))
+        self.views.clicked.connect(self.panels.camera_menu.close)
+        self.views.capture.garbage.outcome.connect(partial(self.notices.outcome, "garbage"))
         self.player.refused.connect(partial(self.notices.show, topic="view"))
         workspace.new_results.connect(self.player.refresh)
-        exports.changed.connect(self.changed)
-        exports.finished.connect(self._exported)
-        for signal in (self.serving.started, self.serving.failed, self.thumbnails.changed):
-            signal.connect(lambda *_: self.changed())
-        LOOP.every(LOOK_EVERY, self._look_at_marks)
+        opened = self._opening.opened
+        opened.connect(lambda take: exports.path.open(None if take is None else take.camera_path, workspace.history))
+        opened.connect(lambda take: self.marks.open(None if take is None else take.marks))
+        opened.connect(lambda _: reports.tell_damage())
+        opened.connect(lambda _: self.actions.path.preview.stop())
+        opened.connect(lambda _: self._screen.hide())
+        self._opening.refused.connect(self._screen.update)
+        for signal in (workspace.changed, exports.changed, self.serving.started, self._thumbnails.changed):
+            signal.connect(self.changed)
+        self.serving.failed.connect(lambda _: self.changed())
 
-    def _run_refused(self, why: str) -> None:
-        self.notices.show(why, bad=True, topic="busy" if self.workspace.busy else "run")
+    def _selected(self, stage: str) -> None:
+        self.panels.stages.selected = self.panels.inspector.stage = stage
+        self.panels.camera_menu.close()
+        self.window.set_needs_layout()
 
-    def _forget_refusals(self) -> None:
-        """What a run in progress forbids is allowed after it; a run that has begun was not refused."""
-        self.notices.clear("run" if self.workspace.busy else "busy")
-
-    def _exported(self) -> None:
-        exports = self.exports
-        if not exports.failed:
-            self.notices.clear("export")
-        stays = exports.request is not None and exports.request.stays
-        self.notices.show(exports.result, exports.failed, exports.written, topic="export", stays=stays)
-        self.workspace.note(" ".join(f"{line.rstrip('.')}." for line in exports.result.splitlines()), exports.failed)
+    def _chosen(self, row: str, key: str) -> None:
+        self.actions.review.press(row, key)
         self.changed()
 
-    def _look_at_marks(self) -> None:
-        if self.marks.refresh():  # somebody marked a frame in a browser
-            self.notices.outcome("marks file", str(self.marks.damage or ""))
-            self.changed()
+    def _apply_preferences(self) -> None:
+        self.panels.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
+        self.player.background = self.preferences.background
 
-    # Opening and closing
+    def _widen(self, x: float, ended: bool) -> None:
+        """The edge of the left panel is dragged to a column; the width is kept for next time."""
+        self.layout.widen(x)
+        if ended:
+            self.actions.preferences.keep_width(self.layout.left)
+
+    # For the program that runs the window
 
     def open(self, path: str) -> None:
         """Open a take, a stream or a URL; bad input is reported in the window."""
-        self.places.open(path)
-        self.actions.start.update()
-
-    def _opening_ended(self, opened: bool) -> None:
-        if opened:
-            self.actions.start.hide()
-            self.actions.path.stop()
-        else:
-            self.actions.start.update()
+        self._opening.open(path)
+        self._screen.update()
 
     def close(self) -> None:
         """Request that the window close at the next tick."""
         self.close_requests.granted = True
         self.window.close()
 
-    def _close_if_asked(self) -> None:
-        if not self.close_requests.due():
-            return
-        if self.workspace.job is None:
-            self.wants_close = True
-        else:
-            self.actions.ask_about_job()
-            self.changed()
-
     def failed(self, error: Exception) -> None:
-        """Report what a callback raised; an open dialog stays."""
-        message = as_message(error)
-        bug = "\nThis is a bug in V3 Studio; the terminal shows the details." if message.code == "program.bug" else ""
-        self.notices.show(f"{message}{bug}", bad=True)
-        self.changed()
+        """Report what a callback raised."""
+        self._reports.failed(error)
 
     def closed(self) -> None:
-        """After the last tick: end threads, close files. A job keeps running."""
+        """End threads and close files, after the last tick. A job keeps running."""
         self.player.close()
         self.serving.stop()
-        self.stages.estimates.stop()
+        self.panels.stages.estimates.stop()
         close_all()
         # Open3D keeps references to callbacks and therefore to this object; release large objects.
         self.views.forget()
         self._keep_alive = None
-        for one in (self.actions.clipboard, self.input, self.x, self._log):
-            one.close()
-
-    # User actions
-
-    def _chosen(self, row: str, key: str) -> None:
-        if self._guard.refuses() or row != self.views.row:  # a click that came late
-            return
-        self.views.choose(key)
-        if self.views.row != row:
-            self.window.set_needs_layout()
-        self.changed()
+        for resource in (self._clipboard, self._input, self._x, self._log):
+            resource.close()
 
     # At each tick
 
-    def _on_tick(self) -> bool:
+    def tick(self) -> bool:
+        """Look at everything unless nothing happens; returns whether the window is to be drawn."""
         LOOP.run()
         if self._user.tick():
-            self._last_input = time.monotonic()
-            self._stay_awake()
-        self._close_if_asked()
-        if self._rests():
+            self._pace.touched()
+        if self.actions.runs.close_if_asked():
+            self.changed()
+        if self._pace.rests():
             self._log.tick()
             return False
-        pasted = self.actions.clipboard.poll()
-        if pasted is not None:
-            self.actions.start.pasted(pasted)
-        changed = self.actions.path.advance()
-        changed |= self.views.fit_transport()
-        pixels = self.views.poll(self.viewport.picture.size, self.viewport.render_size, self.em)
+        self._pasting.poll()
+        viewport = self.panels.viewport
+        changed = self.actions.path.preview.advance() | self.views.fit_transport()
+        pixels = self.views.poll(viewport.picture.size, viewport.render_size, self.em)
         if pixels is not None:
-            self.viewport.show(pixels)
-            self.pictures += 1
+            viewport.show(pixels)
             changed = True
-        # decided once: everything that is drawn together is updated together
-        pausing = self._redraws.pausing
-        if not pausing:  # changes between two draws are invisible
-            self.exports.path.numbers = self.player.transport.numbers
-            path_frames = self.exports.path.frames if self.path_panel.shown else []
-            self.timeline.path_keys = [-1 if frame is None else frame for frame in path_frames]
-            self.timeline.busy = self.workspace.busy
-            numbers, marks = self.player.transport.numbers, sorted(self.marks.marks.items())
-            marked = {at: mark.view for frame, mark in marks if (at := numbers.index(frame)) is not None}
-            self.timeline.marks = tuple(marked)
-            self.player.places = {at: view.place for at, view in marked.items() if view is not None and view.place}
-            self._quality.update()
-            self.timeline.look(self.input.pointer, self._user.covered or self.hints.listing)
-            changed |= self.timeline.update()
-            changed |= self.path_panel.update(self.actions.path.pictures(), self.actions.path.previewing)
-            changed |= self._update_panels()
-            changed |= self.overlays.update()
-            changed |= self.actions.search.update()
-            put(self.window, title=self.overlays.title)
+        pausing = self._pace.pausing
+        if not pausing:
+            changed |= self._update()
         if changed:
             self.changed()
-        self._log.write(self)
-        transport, settled = self.player.transport, self.views.settled
-        if transport.playing or not settled or self.workspace.opening:  # the next image is shown as soon as it is there
-            self._stay_awake()
-        if self._software:
-            self._redraws.pause = LONGER_PAUSE if self.player.behind else SOFTWARE_PAUSE
-            unwatched = self.input.active and time.monotonic() > self._last_input + ATTENTION
-            if self.workspace.busy and not transport.playing and unwatched:
-                self._redraws.pause = JOB_PAUSE
-            if self.dialogs.focusing:
-                self._redraws.pause = 0.0
-        due = not pausing and self._redraws.due()
+        self._log.write()
+        due = self._pace.due(self.views.settled, pausing)
         if due:
-            picture = self.player.picture if self.views.shows_player else None
-            self.numbers = [
-                picture.request.frame if picture is not None else None,
-                self.inspector.frame,
-                self.timeline.frame,
-            ]
-            self._guard.drawn()
-            unsettled = [picture.settle() for picture in self._pictures]
-            if any(unsettled):
-                self.changed()
-            if self.dialogs.tick():
-                self.changed()
+            self._drawn()
         self.ticks += 1
         return due
 
-    def _rests(self) -> bool:
-        """Whether nothing happens, so that this tick can pass without a look at everything."""
-        now = time.monotonic()
-        if now < self._next_look and now >= self._awake_until:
-            return True
-        self._next_look = now + REST
-        return False
-
-    def _update_panels(self) -> bool:
-        if self.layout.fullscreen or self.start.shown:
-            return False
-        stage_view = self.views.stage_view
-        controls, row = self.controls.update(self.views.edits_take), self.views.row
-        modes = self.modes.update(row, self.views.chosen(), self.views.idle, self.input.pointer)
-        stages = self.stages.update()
-        changed = controls[0] | modes[0] | stages[0]
-        if modes[1]:
-            self._guard.swapped()
-        if controls[1] or modes[1] or stages[1]:
+    def _update(self) -> bool:
+        """Show the state in the panels; returns whether anything changed."""
+        panels, views, player, pointer = self.panels, self.views, self.player, self._input.pointer
+        path, timeline, covered = self.exports.path, self.panels.timeline, self._user.covered
+        mark_timeline(timeline, player, self.marks, path, panels.path_panel.shown)
+        timeline.busy = self.workspace.busy
+        self._quality.update()
+        timeline.look(pointer, covered)
+        changed, layout = timeline.update(), False
+        pictures = path_pictures(panels.path_panel, player, path, self._thumbnails)
+        changed |= panels.path_panel.update(pictures, self.actions.path.preview.playing)
+        if not self.layout.fullscreen and not panels.start.shown:
+            buttons, layout = update_buttons(panels, views, self._guard, pointer)
+            changed |= buttons | update_inspector(panels, views, self.workspace, self.marks, self._quality)
+            layout |= panels.hints.update(pointer, bool(self._user.buttons) or covered)
+            words = (self.notices.line, self.exports.words, self.serving.words)
+            layout |= update_status(panels.status, views, *words)
+        overlays = self._overlays.update()
+        if layout or overlays[1]:
             self.window.set_needs_layout()
-        changed |= self.inspector.update(
-            self.player, self.evaluation, self.marks, self.workspace, self.views.stage,
-            stage_view.blocks if stage_view is not None else (), self._quality.camera,
-        )  # fmt: skip
-        changed |= self.inspector.update_log(self.workspace)
-        if self.hints.update(self.input.pointer, bool(self._user.buttons) or self._user.covered or self.hints.listing):
-            self.window.set_needs_layout()
-            changed = True
-        status = self.player.status if stage_view is None else stage_view.status
-        notice = self.notices.line
-        words = [notice or status, self.exports.words, self.serving.words]
-        self.status.text_color = color(TEXT if notice else DIM)
-        if put(self.status, text="   ".join(filter(None, words))):
-            self.window.set_needs_layout()  # otherwise a label keeps the width of its first text
-            changed = True
-        return changed
+        put(self.window, title=self._overlays.title)
+        return changed | layout | overlays[0] | self.actions.search.update()
 
-    def _remember_folder(self, folder: str) -> None:
-        self.preferences.folder = folder
-        self.preferences.save()
-
-    def _widen(self, x: float, ended: bool) -> None:
-        """The edge of the left panel is dragged; the width is kept for next time."""
-        self.layout.widen(x)
-        if ended:
-            self.preferences.panel_width = round(self.layout.left, 2)
-            self.preferences.save()
+    def _drawn(self) -> None:
+        """The window is drawn with what it shows now."""
+        picture = self.player.picture if self.views.shows_player else None
+        shown = picture.request.frame if picture is not None else None
+        self.numbers = [shown, self.panels.inspector.frame, self.panels.timeline.frame]
+        self._guard.drawn()
+        unsettled = [panel.settle() for panel in self.panels.pictures]
+        if any(unsettled) | self.dialogs.tick():
+            self.changed()

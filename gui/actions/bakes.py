@@ -1,12 +1,16 @@
 """Bakes that the take keeps: list, compare, keep."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.other_source import OtherSource, open_other
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import Done, LatestWorker
-from v3studio.gui.shell import Shell
-from v3studio.gui.widgets.dialogs.base import Answer, filled, in_lines
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.dialogs.base import Answer, Dialogs, filled, in_lines
 from v3studio.gui.widgets.dialogs.folder import ask_path
 from v3studio.gui.widgets.picture import color
 from v3studio.pipelines.events import as_message
@@ -23,10 +27,14 @@ Kept = tuple[Take, str]
 
 
 class BakeActions:
-    """See the module; it acts through the main window. `rows`: the bakes that are kept."""
+    """Lists, keeps and compares bakes. `rows`: the bakes that are kept."""
 
-    def __init__(self, window: Shell) -> None:
-        self._window = window
+    def __init__(
+        self, player: PlayerPresenter, workspace: Workspace, views: StageViews, dialogs: Dialogs, notices: Notices,
+        changed: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._player, self._workspace, self._views = player, workspace, views
+        self._dialogs, self._notices, self._changed = dialogs, notices, changed
         self.rows: list[KeptBake] = []
         self._words, self._failed = "", False
         self._opener: LatestWorker[Place, OtherSource] = LatestWorker(
@@ -36,17 +44,17 @@ class BakeActions:
 
     def look(self) -> None:
         """Read which bakes are kept."""
-        take = self._window.workspace.take
+        take = self._workspace.take
         try:
             self.rows = kept_bakes(take) if take is not None else []
         except OSError as error:  # one is being removed
             self._words, self._failed = str(error), True
 
     def show(self) -> None:
-        window, dialogs = self._window, self._window.dialogs
-        take, other = window.workspace.take, window.player.other
+        dialogs = self._dialogs
+        take, other = self._workspace.take, self._player.other
         self.look()
-        self._baked = take is not None and window.workspace.row("bake").state == "done"
+        self._baked = take is not None and self._workspace.row("bake").state == "done"
         self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label(in_lines("", MESSAGE_LINES))
         row = dialogs.row(
@@ -65,7 +73,7 @@ class BakeActions:
         self._update()
 
     def _update(self) -> None:
-        dialogs = self._window.dialogs
+        dialogs = self._dialogs
         dialogs.lines = [bake_words(row) for row in self.rows]
         self._list.set_items(filled(dialogs.lines or ["No bakes are kept."], ROWS))
         self._message.text = in_lines(self._words, MESSAGE_LINES)
@@ -73,7 +81,7 @@ class BakeActions:
         self._enable()
 
     def _enable(self) -> None:
-        widgets = self._window.dialogs.widgets
+        widgets = self._dialogs.widgets
         widgets["compare"].enabled = self._selected is not None
         is_kept = any(row.is_stream for row in self.rows)
         widgets["keep"].enabled = self._baked and self._keeper.idle and not is_kept
@@ -92,26 +100,25 @@ class BakeActions:
     def _compare(self) -> None:
         row = self._selected
         if row is not None:
-            self._window.dialogs.close()
+            self._dialogs.close()
             self._open(row.take.stream, row.name, row.take.evaluation)
 
     def _ask_take(self) -> None:
-        dialogs, opened = self._window.dialogs, self._window.player.opened
+        dialogs, opened = self._dialogs, self._player.opened
         start = opened.path.parent if opened is not None and isinstance(opened.path, Path) else Path.home()
         ask_path(dialogs, "Compare with another take", start, "take", lambda path: self._open(Path(path)), self.show)
 
     def _open(self, place: Path, label: str = "", evaluation: Path | None = None) -> None:
-        self._window.notices.show(f"Opening {label or place} ...", topic="compare")
-        opened = self._window.player.opened
+        self._notices.show(f"Opening {label or place} ...", topic="compare")
+        opened = self._player.opened
         self._opener.ask((place, label, evaluation, opened is not None and opened.take is not None))
 
     def _stop(self) -> None:
-        self._window.dialogs.close()
-        self._window.player.compare_with(None)
+        self._dialogs.close()
+        self._player.compare_with(None)
 
     def _ask_keep(self) -> None:
-        window = self._window
-        take, config = window.workspace.take, window.workspace.config
+        take, config = self._workspace.take, self._workspace.config
         if take is None:
             return
 
@@ -121,7 +128,7 @@ class BakeActions:
 
         name = f"qp{config.bake.qp}" if config is not None else ""
         answer = ("save", "Keep", keep)
-        window.dialogs.line("keep", "Keep the stream", "Name of the bake:", name, answer, cancel=self.show)
+        self._dialogs.line("keep", "Keep the stream", "Name of the bake:", name, answer, cancel=self.show)
 
     def keep(self, take: Take, name: str) -> None:
         """Keep a take's bake, on a thread."""
@@ -129,25 +136,24 @@ class BakeActions:
         self._keeper.ask((take, name))
 
     def _kept(self, done: Done[Kept, str]) -> None:
-        window, error = self._window, done.error
+        error = done.error
         self._words, self._failed = str(as_message(error) if error is not None else done.result), error is not None
-        if window.notices.outcome("bakes", self._words if self._failed else ""):
-            window.notices.show(self._words, topic="bakes")
+        if self._notices.outcome("bakes", self._words if self._failed else ""):
+            self._notices.show(self._words, topic="bakes")
         self.look()
-        window.player.refresh()
-        if window.dialogs.name == NAME:
+        self._player.refresh()
+        if self._dialogs.name == NAME:
             self._update()
-        window.changed()
+        self._changed()
 
     def _opened(self, done: Done[Place, OtherSource]) -> None:
-        window = self._window
         if done.error is not None:
-            window.notices.show(str(as_message(done.error)), bad=True, topic="compare")
+            self._notices.show(str(as_message(done.error)), bad=True, topic="compare")
         elif done.result is not None:
-            window.views.select("review")
-            window.notices.clear("compare")
-            window.player.compare_with(done.result)
-        window.changed()
+            self._views.select("review")
+            self._notices.clear("compare")
+            self._player.compare_with(done.result)
+        self._changed()
 
 
 def bake_words(kept: KeptBake) -> str:

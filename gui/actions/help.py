@@ -1,18 +1,20 @@
-"""What the menu Help, the buttons `?` and those in the log do."""
+"""What the menu Help and the buttons `?` do."""
 
 from functools import partial
 
 from open3d.visualization import gui
 
 from v3studio.gui.actions.menus import Menus
+from v3studio.gui.actions.settings import SettingRequests
 from v3studio.gui.drawing.key_list import key_list
+from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.stage_rows import TITLES
 from v3studio.gui.models.take.page_words import setting_words
-from v3studio.gui.models.take.remedies import Fix
-from v3studio.gui.shell import Shell
-from v3studio.gui.widgets.dialogs.base import BUTTON_PADDING
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.dialogs.base import BUTTON_PADDING, Dialogs
 from v3studio.gui.widgets.picture import FIELD_PADDING, as_image, lowered
 from v3studio.gui.widgets.stage_help import HELP, help_image
+from v3studio.pipelines.takes.take import program_version
 
 KEYS: dict[str, dict[str, str]] = {  # keys and what they do, under headings, besides those of the menus
     "Playback": {
@@ -50,47 +52,49 @@ KEYS: dict[str, dict[str, str]] = {  # keys and what they do, under headings, be
 WIDTH, SHORTCUTS_WIDTH = 50, 66  # widths of the help of a stage and of the list of shortcuts, em
 
 
-def show_stage_help(window: Shell) -> None:
-    """Show what to look for in the selected stage."""
-    dialogs, stage = window.dialogs, window.stages.selected
-    if stage not in HELP:
-        window.notices.show(f"There is no help on {TITLES[stage]}.")
-        return
-    image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
-    row = gui.Horiz(0.4 * dialogs.em)
-    down = round(BUTTON_PADDING * dialogs.em) + FIELD_PADDING
-    row.add_child(lowered(dialogs.label("If it looks bad:"), down))
-    for setting in HELP[stage].settings:
-        action = dialogs.closing(partial(_show, window, setting))
-        row.add_child(dialogs.button(f"setting {setting}", setting_words(setting), action))
-    row.add_stretch()
-    answers = [("close", "Close", dialogs.close)]
-    dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
+class HelpActions:
+    """Shows help in dialogs. `device`: name of the graphics device."""
 
+    def __init__(
+        self, views: StageViews, settings: SettingRequests, dialogs: Dialogs, notices: Notices, device: str
+    ) -> None:
+        self._views, self._settings = views, settings
+        self._dialogs, self._notices, self._device = dialogs, notices, device
 
-def show_shortcuts(window: Shell, menus: Menus) -> None:
-    dialogs = window.dialogs
-    width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
-    sections = {title: dict(keys) for title, keys in KEYS.items()}
-    for title, items in menus.items():
-        keys = {item.shortcut: item.words for item in items if item is not None and item.shortcut}
-        sections[title] = sections.get(title, {}) | keys
-    shown = {title: keys for title, keys in sections.items() if keys}
-    image = gui.ImageWidget(as_image(key_list(shown, width, dialogs.em)))
-    dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
+    def show_stage(self) -> None:
+        """Show what to look for in the selected stage."""
+        dialogs, stage = self._dialogs, self._views.stage
+        if stage not in HELP:
+            self._notices.show(f"There is no help on {TITLES[stage]}.")
+            return
+        image = gui.ImageWidget(as_image(help_image(stage, round(WIDTH * dialogs.em), dialogs.em)))
+        row = gui.Horiz(0.4 * dialogs.em)
+        down = round(BUTTON_PADDING * dialogs.em) + FIELD_PADDING
+        row.add_child(lowered(dialogs.label("If it looks bad:"), down))
+        for setting in HELP[stage].settings:
+            action = dialogs.closing(partial(self._settings.show, setting))
+            row.add_child(dialogs.button(f"setting {setting}", setting_words(setting), action))
+        row.add_stretch()
+        answers = [("close", "Close", dialogs.close)]
+        dialogs.show("help", f"{TITLES[stage]}: what to look for", [image, row], answers, 40, dialogs.close)
 
+    def show_shortcuts(self, menus: Menus) -> None:
+        """Show the keys of the menus and those that have no item."""
+        dialogs = self._dialogs
+        width = min(round(SHORTCUTS_WIDTH * dialogs.em), dialogs.room)
+        sections = {title: dict(keys) for title, keys in KEYS.items()}
+        for title, items in menus.items():
+            keys = {item.shortcut: item.words for item in items if item is not None and item.shortcut}
+            sections[title] = sections.get(title, {}) | keys
+        shown = {title: keys for title, keys in sections.items() if keys}
+        image = gui.ImageWidget(as_image(key_list(shown, width, dialogs.em)))
+        dialogs.show("message", "Shortcuts", [image], [("close", "Close", dialogs.close)], 40, dialogs.close)
 
-def apply_fix(window: Shell, fix: Fix) -> None:
-    """Set the setting that fixes a warning, or show it where people must choose the value."""
-    with window.notices.reporting("setting"):
-        if fix.sets and not fix.done:
-            window.workspace.change_settings({fix.setting: fix.value})
-            words = f"{setting_words(fix.setting)} changed. Run again to use it; Ctrl+Z changes it back."
-            window.notices.show(words)
-        _show(window, fix.setting)
-
-
-def _show(window: Shell, setting: str) -> None:
-    none = "Only a take has settings. Open one, or create one from footage."
-    if window.notices.outcome("settings", none if window.workspace.config is None else ""):
-        window.stages.show_setting(setting)
+    def about(self) -> None:
+        """Show the version, the license and the graphics device."""
+        text = (
+            f"V3 Studio {program_version()}\n\nFrom synchronized multi-camera footage of a performer to a "
+            "streamable Gaussian video.\nGNU General Public License, version 3 or later.\n\n"
+            f"Graphics device: {self._device}"
+        )
+        self._dialogs.message("About", text)

@@ -6,72 +6,86 @@ from functools import partial
 import numpy as np
 
 from v3studio.gui.models.history import Change
+from v3studio.gui.models.marks import Marks
+from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.image_zoom import ImageZoom
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.scene.orbit import OrbitCamera
-from v3studio.gui.shell import Shell
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.pipelines.takes.authored.marks import Mark, MarkView
 from v3studio.studio.errors import StudioError
 
 NO_MARKS = "No frame is marked. Press M to mark the frame on screen."
 
 
-def ask_mark(window: Shell) -> None:
-    """Ask for a note on the frame on screen, and mark it."""
-    if window.player.opened is None:
-        return
-    window.player.transport.pause()
-    frame = window.player.transport.number(window.player.transport.frame)
-    known = window.marks.marks.get(frame)
-    where = "" if window.marks.kept else ". Marks on a stream are lost when it is closed."
-    mark = ("save", "Mark", lambda note: _change(window, frame, note, known))
-    remove = ("remove", "Remove mark", lambda _: _change(window, frame, None, known))
-    answers, note = ((mark,), "") if known is None else ((mark, remove), known.note)
-    window.dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, *answers)
+class MarkActions:
+    """Marks frames, and goes to those that are marked."""
 
+    def __init__(
+        self, player: PlayerPresenter, marks: Marks, workspace: Workspace, dialogs: Dialogs, notices: Notices
+    ) -> None:
+        self._player, self._marks, self._workspace = player, marks, workspace
+        self._dialogs, self._notices = dialogs, notices
 
-def _change(window: Shell, frame: int, note: str | None, known: Mark | None) -> None:
-    """Mark a frame, or remove its mark (None); noted for undo."""
-    marks = window.marks
-    try:
-        if note is None:
-            marks.put(frame, None, known)
-        elif not marks.set(frame, note, known, view_of(window.player)):
+    @property
+    def frames(self) -> list[int]:
+        """Numbers of the marked frames in the footage."""
+        return sorted(self._marks.marks)
+
+    def ask(self) -> None:
+        """Ask for a note on the frame on screen, and mark it."""
+        transport = self._player.transport
+        if self._player.opened is None:
             return
-    except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
-        window.notices.show(str(error), bad=True, topic="marks")
-        return
-    now = marks.marks.get(frame)
-    window.notices.clear("marks")
-    undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
-    window.workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
+        transport.pause()
+        frame = transport.number(transport.frame)
+        known = self._marks.marks.get(frame)
+        where = "" if self._marks.kept else ". Marks on a stream are lost when it is closed."
+        mark = ("save", "Mark", lambda note: self._change(frame, note, known))
+        remove = ("remove", "Remove mark", lambda _: self._change(frame, None, known))
+        answers, note = ((mark,), "") if known is None else ((mark, remove), known.note)
+        self._dialogs.line("mark", f"Mark frame {frame}", f"Note (optional){where}", note, *answers)
 
+    def _change(self, frame: int, note: str | None, known: Mark | None) -> None:
+        """Mark a frame, or remove its mark (None); noted for undo."""
+        marks = self._marks
+        try:
+            if note is None:
+                marks.put(frame, None, known)
+            elif not marks.set(frame, note, known, view_of(self._player)):
+                return
+        except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
+            self._notices.show(str(error), bad=True, topic="marks")
+            return
+        now = marks.marks.get(frame)
+        self._notices.clear("marks")
+        undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
+        self._workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
-def go_to_next(window: Shell, direction: int) -> None:
-    """Go to the next (1) or previous (-1) mark, and to its view."""
-    transport = window.player.transport
-    frame = window.marks.next_after(transport.number(transport.frame), direction)
-    if frame is not None:
-        _go_to(window, frame)
+    def go_to_next(self, direction: int) -> None:
+        """Go to the next (1) or previous (-1) mark, and to its view."""
+        transport = self._player.transport
+        frame = self._marks.next_after(transport.number(transport.frame), direction)
+        if frame is not None:
+            self._go_to(frame)
 
+    def show(self) -> None:
+        """Show the list of marks; choosing one goes to its frame and view."""
+        lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(self._marks.notes.items())}
+        self._dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]), nothing=NO_MARKS)
 
-def show_marks(window: Shell) -> None:
-    """Show the list of marks; choosing one goes to its frame and view."""
-    lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(window.marks.notes.items())}
-    window.dialogs.choose("marks", "Marks", list(lines), lambda line: _go_to(window, lines[line]), nothing=NO_MARKS)
-
-
-def _go_to(window: Shell, frame: int) -> None:
-    """Go to a mark's frame, and to its view if it has one."""
-    player, mark = window.player, window.marks.marks.get(frame)
-    index = player.transport.numbers.index(frame)
-    if index is None:
-        window.notices.show(f"The take does not have frame {frame}.", topic="marks")
-        return
-    player.transport.pause()
-    player.transport.seek(index)
-    if mark is not None and mark.view is not None:
-        show_view(player, mark.view)
+    def _go_to(self, frame: int) -> None:
+        """Go to a mark's frame, and to its view if it has one."""
+        player, mark = self._player, self._marks.marks.get(frame)
+        index = player.transport.numbers.index(frame)
+        if index is None:
+            self._notices.show(f"The take does not have frame {frame}.", topic="marks")
+            return
+        player.transport.pause()
+        player.transport.seek(index)
+        if mark is not None and mark.view is not None:
+            show_view(player, mark.view)
 
 
 def view_of(player: PlayerPresenter) -> MarkView:
@@ -89,7 +103,7 @@ def view_of(player: PlayerPresenter) -> MarkView:
 
 
 def show_view(player: PlayerPresenter, view: MarkView) -> None:
-    """Show what a mark was made of, as far as it is there: without the take's cameras, the view from the same place."""
+    """Show the view of a mark. Without the take's cameras, this is the view from the same place."""
     if view.camera not in player.camera_names:
         player.look_through("")
         up = player.orbit.up

@@ -22,6 +22,8 @@ class Item(Generic[Acting]):
     # what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained, ""
     # nothing: only these act while the start page covers the open take or stream
     needs: str = "open"
+    # what else it needs, as a value that is true if it is there, and what is said if it is not
+    lacks: tuple[Callable[[Acting], object], str] | None = None
 
     @property
     def words(self) -> str:
@@ -43,12 +45,12 @@ ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
 
 def boxes(menus: Menus, em: float) -> list[tuple[float, float]]:
     """(width, height) of the menus in pixels; `em` is the font size."""
-    found = []
+    sizes = []
     for entries in menus.values():
         items = [item for item in entries if item is not None]
         height = MARGINS + ROW * len(items) + SEPARATOR * (len(entries) - len(items))
-        found.append((WIDER * em + max(text_room(item.text, em) for item in items), height * em))
-    return found
+        sizes.append((WIDER * em + max(text_room(item.text, em) for item in items), height * em))
+    return sizes
 
 
 def build(application: gui.Application, menus: Menus) -> None:

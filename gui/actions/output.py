@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.take.exports import (
     ALL_FRAMES,
     FORMATS,
@@ -13,8 +15,11 @@ from v3studio.gui.models.take.exports import (
     SIZED,
     WHOLE,
     ExportRequest,
+    Exports,
 )
-from v3studio.gui.shell import Shell
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.form import Form
 from v3studio.pipelines.commands.export import DEFAULT_OF
 from v3studio.pipelines.reports.evaluation import update_marks
@@ -24,22 +29,25 @@ from v3studio.studio.formats import EXPORTS
 
 
 class OutputActions:
-    """See the module; it acts through the main window."""
+    """Writes screenshots, exports and the report, after asking where that is needed."""
 
-    def __init__(self, window: Shell) -> None:
-        self._window = window
+    def __init__(
+        self, player: PlayerPresenter, workspace: Workspace, views: StageViews, exports: Exports, dialogs: Dialogs,
+        notices: Notices,
+    ) -> None:  # fmt: skip
+        self._player, self._workspace, self._views, self._exports = player, workspace, views, exports
+        self._dialogs, self._notices = dialogs, notices
         self._kind = next(iter(FORMATS))
 
     def screenshot(self) -> None:
         """Save the image as shown."""
-        window = self._window
-        picture = window.player.picture
+        player, notices = self._player, self._notices
+        picture, opened = player.picture, player.opened
         if picture is None:
-            window.notices.show("No image to save yet.")
+            notices.show("No image to save yet.")
             return
-        number = window.player.transport.number(picture.request.frame)
+        number = player.transport.number(picture.request.frame)
         name = f"{picture.request.mode.replace(' ', '_')}_{picture.request.what}_{number:06d}.png"
-        opened = window.player.opened
         folder = opened.take.root.parent if opened is not None and opened.take is not None else Path.home()
 
         def save(text: str) -> None:
@@ -51,25 +59,24 @@ class OutputActions:
                 write_image(path, picture.image)
             except OSError as error:
                 problem = f"{path}: cannot be written ({error.strerror}). Choose another folder."
-            if window.notices.outcome("screenshot", problem):
-                window.notices.show(f"Written: {path}", path=path)
+            if notices.outcome("screenshot", problem):
+                notices.show(f"Written: {path}", path=path)
 
         words = "PNG file of the viewport's image:"
-        window.dialogs.line("screenshot", "Save screenshot", words, str(folder / name), ("save", "Save", save))
+        self._dialogs.line("screenshot", "Save screenshot", words, str(folder / name), ("save", "Save", save))
 
     def export(self, kind: str = "") -> None:
         """Ask for the options, then export. `kind`: to begin with; by default the one that was exported last."""
-        window = self._window
-        opened = window.player.opened
+        opened, transport = self._player.opened, self._player.transport
         if opened is None or not opened.sources:
-            window.notices.show("Nothing to export yet.")
+            self._notices.show("Nothing to export yet.")
             return
         first = "trained" if self._stale else DEFAULT_OF  # if it exists
         sources = sorted(opened.sources, key=lambda name: name != first) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
         request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder)
         request.of = sources[0] if sources else ""
-        length = window.player.transport.frame_count / window.player.transport.fps
+        length = transport.frame_count / transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
         request.ranges = self._ranges()
         self._choose_frames(request)
@@ -78,8 +85,7 @@ class OutputActions:
     def _choose_frames(self, request: ExportRequest) -> None:
         """Choose the frames that are usual for the format: the span, the frame under review as a file, else all."""
         every, present, *span = request.ranges
-        window = self._window
-        reviewed = window.views.stage == "review" and not window.player.transport.playing
+        reviewed = self._views.stage == "review" and not self._player.transport.playing
         if span:
             request.frames = span[0]
         else:
@@ -88,12 +94,12 @@ class OutputActions:
     @property
     def _stale(self) -> bool:
         """Whether the take has changed since its stream was baked."""
-        workspace = self._window.workspace
+        workspace = self._workspace
         return workspace.take is not None and workspace.row("bake").state == "stale"
 
     def _ranges(self) -> dict[str, range | None]:
         """Frames that can be exported: all, the one on screen, the selected span."""
-        transport = self._window.player.transport
+        transport = self._player.transport
         frame, span = transport.number(transport.frame), transport.span
         ranges: dict[str, range | None] = {ALL_FRAMES: None, f"frame {frame}": range(frame, frame + 1)}
         if span is not None:
@@ -102,7 +108,7 @@ class OutputActions:
 
     def _ask_export(self, request: ExportRequest, sources: Sequence[str], error: str = "") -> None:
         """Ask for format, frames, source, a movie's options and the path. `error`: why the export was refused."""
-        dialogs = self._window.dialogs
+        dialogs = self._dialogs
         form = Form(dialogs, request)
 
         def changed() -> None:
@@ -114,7 +120,7 @@ class OutputActions:
 
         def start() -> None:
             try:
-                self._window.exports.start(request)
+                self._exports.start(request)
             except (StudioError, OSError) as refused:
                 self._ask_export(request, sources, str(refused))
             else:
@@ -146,15 +152,24 @@ class OutputActions:
 
     def report(self) -> None:
         """Write the take's report, or update its marks."""
-        window = self._window
-        context, take = window.workspace.context, window.workspace.take
+        workspace, notices = self._workspace, self._notices
+        context, take = workspace.context, workspace.take
         if take is None:
-            window.notices.show("A report can only be written for a take, not for a stream.")
-        elif context is None or not take.report.is_file() or window.workspace.row("review").state != "done":
-            window.workspace.start("review")
-            window.views.select("review")
+            notices.show("A report can only be written for a take, not for a stream.")
+        elif context is None or not take.report.is_file() or workspace.row("review").state != "done":
+            workspace.start("review")
+            self._views.select("review")
         else:
-            with window.notices.reporting("report"):
+            with notices.reporting("report"):
                 changed = update_marks(take, context.groups)
                 words = "Updated the marks in the report" if changed else "The report is up to date"
-                window.notices.show(f"{words}: {take.report}", path=take.report)
+                notices.show(f"{words}: {take.report}", path=take.report)
+
+    @property
+    def exporting(self) -> bool:
+        """Whether an export or a share is being written."""
+        return self._exports.running
+
+    def stop(self) -> None:
+        """Stop the export that is being written."""
+        self._exports.stop()

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from v3studio.gui.drawing.palette import BAD, DIM
 from v3studio.gui.models.take.take_queue import TakeQueue
-from v3studio.gui.shell import Shell
-from v3studio.gui.widgets.dialogs.base import filled, in_lines
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.widgets.dialogs.base import Dialogs, filled, in_lines
 from v3studio.gui.widgets.dialogs.folder import ask_path
 from v3studio.gui.widgets.picture import color
 
@@ -21,18 +21,18 @@ HINT = (
 
 
 class QueueActions:
-    """See the module."""
+    """Shows and changes the queue. `open_take`: opens the folder of a take."""
 
-    def __init__(self, window: Shell) -> None:
-        self._window = window
-        self.queue = TakeQueue()
-        self.queue.watched = lambda: self._shown or window.start.shown
+    def __init__(
+        self, queue: TakeQueue, workspace: Workspace, dialogs: Dialogs, open_take: Callable[[str], None]
+    ) -> None:
+        self.queue, self._workspace, self._dialogs, self._open = queue, workspace, dialogs, open_take
         self.queue.changed.connect(self._update)
         self._chosen: int | None = None
         self._items: list[str] = []
 
     def show(self) -> None:
-        dialogs, queue = self._window.dialogs, self.queue
+        dialogs, queue = self._dialogs, self.queue
         self._chosen, self._items = None, []
         self._list = dialogs.list_of(ROWS, self._select)
         self._words, self._message = dialogs.label(" "), dialogs.label(in_lines("", MESSAGE_LINES))
@@ -50,18 +50,19 @@ class QueueActions:
         self._update()
 
     @property
-    def _shown(self) -> bool:
-        return self._window.dialogs.name == NAME
+    def shown(self) -> bool:
+        """Whether the dialog is open."""
+        return self._dialogs.name == NAME
 
     @property
     def _open_take(self) -> Path | None:
-        take = self._window.workspace.take
+        take = self._workspace.take
         return take.root if take is not None else None
 
     def _update(self) -> None:
-        if not self._shown:
+        if not self.shown:
             return
-        dialogs, queue, rows = self._window.dialogs, self.queue, self.queue.view.rows
+        dialogs, queue, rows = self._dialogs, self.queue, self.queue.view.rows
         items = [str(row) for row in rows]
         if items != self._items or not items:
             self._items = dialogs.lines = items
@@ -93,8 +94,8 @@ class QueueActions:
         at, rows = self._list.selected_index, self.queue.view.rows
         self._chosen = rows[at].number if 0 <= at < len(rows) else None
         if twice and self._chosen is not None:
-            self._window.dialogs.close()
-            self._window.open(str(rows[at].take))
+            self._dialogs.close()
+            self._open(str(rows[at].take))
         else:
             self._update()
 
@@ -111,6 +112,6 @@ class QueueActions:
             self.queue.add(Path(path))
             self.show()
 
-        dialogs, rows = self._window.dialogs, self.queue.view.rows
+        dialogs, rows = self._dialogs, self.queue.view.rows
         start = rows[-1].take.parent if rows else (self._open_take or dialogs.usual_folder())
         ask_path(dialogs, "Add take to the queue", start, "take", done, self.show)

@@ -1,63 +1,64 @@
 """The start page: what its parts do, and when it is on screen."""
 
 from collections.abc import Callable
-from pathlib import Path
-from urllib.parse import unquote
 
-from v3studio.gui.models.folders import kind_of
+from v3studio.gui.layout import Layout
 from v3studio.gui.models.loop import LOOP
-from v3studio.gui.models.take.take_queue import TakeQueue
+from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.preferences import Preferences
+from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.start.page import StartPage
-from v3studio.gui.platform.clipboard import Clipboard
-from v3studio.gui.shell import Shell
-from v3studio.pipelines.new_take import NewTake, make_sample_take, sample_settings
-from v3studio.studio.storage import is_address
+from v3studio.gui.pages.start.panel import StartPanel
+from v3studio.pipelines.new_take import make_sample_take
 
 LOOK_EVERY = 0.25  # seconds between two looks at the files of the page
 
 
-class StartActions:
-    """See the module. `act`: does what an item of the menus stands for, by its key. `new_take`: asks for more."""
+class StartScreen:
+    """Shows the start page while nothing is open, and over the open take or stream if it is asked for."""
 
     def __init__(
-        self,
-        window: Shell,
-        queue: TakeQueue,
-        clipboard: Clipboard,
-        act: Callable[[str], object],
-        new_take: Callable[[NewTake], object],
-    ) -> None:
-        self._window, self._clipboard, self._act, self._new_take = window, clipboard, act, new_take
-        self.page = StartPage(queue, sample_settings() is not None)
-        self.page.changed.connect(window.changed)
+        self, panel: StartPanel, layout: Layout, player: PlayerPresenter, workspace: Workspace,
+        preferences: Preferences, changed: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._panel, self._layout, self._player, self._workspace = panel, layout, player, workspace
+        self._preferences, self._changed = preferences, changed
+        panel.page.changed.connect(changed)
         self._asked = False
         self._timer = LOOP.every(LOOK_EVERY, self._look)
 
+    @property
+    def shown(self) -> bool:
+        return self._panel.shown
+
     def update(self) -> None:
         """Show the page if it is asked for or nothing is open, else hide it."""
-        window = self._window
-        opened = window.player.opened
-        wanted = self._asked or (opened is None and not window.workspace.opening)
-        if window.start.shown != wanted:
-            window.layout.set_start(wanted)
+        wanted = self._asked or (self._player.opened is None and not self._workspace.opening)
+        if self._panel.shown != wanted:
+            self._layout.set_start(wanted)
         self._timer.soon()
-        window.changed()
+        self._changed()
+
+    def look_soon(self) -> None:
+        """Look at the files of the page at the next tick."""
+        self._timer.soon()
 
     def _look(self) -> None:
-        opened = self._window.player.opened
-        if self._window.start.shown:
-            self.page.back = opened.title if opened is not None else ""
-            self.page.look(self._window.preferences.recent)
+        opened, page = self._player.opened, self._panel.page
+        if self._panel.shown:
+            page.back = opened.title if opened is not None else ""
+            page.look(self._preferences.recent)
 
     def show(self) -> None:
         """Show the page over the open take or stream."""
-        self._window.player.transport.pause()
+        self._player.transport.pause()
         self._asked = True
         self.update()
 
     def hide(self) -> bool:
         """Show the open take or stream again; returns whether the page was over it."""
-        was_shown, self._asked = self._asked and self._window.player.opened is not None, False
+        was_shown, self._asked = self._asked and self._player.opened is not None, False
         self.update()
         return was_shown
 
@@ -66,83 +67,57 @@ class StartActions:
         if not self.hide():
             self.show()
 
+
+class StartActions:
+    """Does what the parts of the page stand for. `open_place`: opens a path or URL; `command`: does what an item of the
+    menus stands for, by its key."""
+
+    def __init__(
+        self, page: StartPage, screen: StartScreen, preferences: Preferences, notices: Notices,
+        open_place: Callable[[str], None], command: Callable[[str], object],
+    ) -> None:  # fmt: skip
+        self._page, self._screen, self._preferences, self._notices = page, screen, preferences, notices
+        self._open, self._command = open_place, command
+
     def act(self, name: str) -> None:
         """Do what a part of the page stands for, see `StartImage`."""
         kind, _, number = name.partition(" ")
         actions: dict[str, Callable[[], object]] = {
-            "back": self.hide,
+            "back": self._screen.hide,
             "card": lambda: self._open_card(int(number)),
             "remove": lambda: self._remove_card(int(number)),
             "forget": self._forget_missing,
-            "start": self.page.queue.start,
-            "stop": self.page.queue.stop,
-            "sample": self.open_sample,
+            "start": self._page.queue.start,
+            "stop": self._page.queue.stop,
+            "sample": self._open_sample,
         }
-        actions.get(kind, lambda: self._act(kind))()
-        self._timer.soon()
+        actions.get(kind, lambda: self._command(kind))()
+        self._screen.look_soon()
 
     def _remove_card(self, number: int) -> None:
-        if number < len(self.page.places):
-            self._window.preferences.forget(self.page.places[number])
-            self._window.preferences.save()
+        if number < len(self._page.places):
+            self._preferences.forget(self._page.places[number])
+            self._preferences.save()
 
     def _forget_missing(self) -> None:
-        preferences = self._window.preferences
-        preferences.recent = preferences.recent_there()
-        preferences.save()
+        self._preferences.recent = self._preferences.recent_there()
+        self._preferences.save()
 
     def _open_card(self, number: int) -> None:
-        if number >= len(self.page.places):
+        if number >= len(self._page.places):
             return
-        place = self.page.places[number]
-        card = self.page.cards.get(place)
+        place = self._page.places[number]
+        card = self._page.cards.get(place)
         if card is not None and card.kind == "missing":
             words = f"{place}: no such folder. It was moved, deleted, or is on a disk that is not connected."
-            self._window.notices.show(words, bad=True, topic="open")
+            self._notices.show(words, bad=True, topic="open")
         else:
-            self._window.open(place)
+            self._open(place)
 
-    def open_sample(self) -> None:
+    def _open_sample(self) -> None:
         """Open the take of the sample capture, which is created first if need be."""
-        window = self._window
-        with window.notices.reporting("open"):
+        with self._notices.reporting("open"):
             take, new = make_sample_take()
-            window.open(str(take))
+            self._open(str(take))
             if new:
-                window.notices.show(f"Created a take of the sample capture: {take}", path=take, topic="sample")
-
-    def paste(self) -> None:
-        """Open the path on the clipboard, once it is known."""
-        if not self._clipboard.ask():
-            self._window.notices.show("There is no clipboard to paste from.", bad=True, topic="open")
-
-    def pasted(self, text: str) -> None:
-        """Open a path or URL; a folder that is neither a take nor a stream becomes the footage of a new take."""
-        words = path_in(text)
-        problem = ""
-        if not words:
-            problem = "The clipboard has no text. Copy the path of a folder first."
-        elif "\n" in words or len(words) > 4096:
-            problem = f"The clipboard has no path: '{words.splitlines()[0][:60]} ...'. Copy the path of one folder."
-        elif is_address(words):
-            self._window.open(words)
-        else:
-            try:
-                path = Path(words).expanduser()
-            except RuntimeError:
-                problem = f"{words}: this machine has no such user. Copy the whole path, which starts with /."
-            else:
-                if path.is_dir() and kind_of(path) == "folder":
-                    self._new_take(NewTake(footage=str(path)))
-                else:
-                    self._window.open(str(path))
-        if problem:
-            self._window.notices.show(problem, bad=True, topic="open")
-
-
-def path_in(text: str) -> str:
-    """The path or URL in copied text, without spaces and quotes around it; a file manager's `file://` URL as a path."""
-    words = text.strip().strip("'\"")
-    if not words.startswith("file://"):
-        return words
-    return unquote(words.removeprefix("file://").removeprefix("localhost"))  # RFC 8089
+                self._notices.show(f"Created a take of the sample capture: {take}", path=take, topic="sample")

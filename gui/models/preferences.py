@@ -58,6 +58,10 @@ class Preferences:
             return False
         return True
 
+    def take_from(self, chosen: Preferences) -> None:
+        """Become equal to other preferences."""
+        vars(self).update(vars(chosen))
+
     def opened(self, name: str) -> None:
         """Move a folder or URL to the front of the recent list."""
         self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]

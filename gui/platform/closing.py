@@ -11,11 +11,12 @@ class CloseRequests:
     """Tells close requests from Escape: Open3D also requests a close when Escape is pressed and when it is released,
     before it reports the key (which it does not do while text is edited, or a mouse button is pressed on a widget).
     A single request is a real one, unless it may be of Escape. `escape`: whether Escape is pressed, or the toolkit got
-    its press or release just now; False where unknown. `granted`: whether the window may close.
+    its press or release just now; False where unknown. `granted`: whether the window may close. `wanted`: whether it is
+    to be closed after the tick: Open3D crashes if it is closed within one.
     """
 
     def __init__(self, escape: Callable[[], bool]) -> None:
-        self.granted = False
+        self.granted = self.wanted = False
         self._escape = escape
         self._asked: list[float] = []
         self._ticks = 0

@@ -5,7 +5,7 @@ title, which the pointer has just opened, would close that menu again: such clic
 a menu closes it if it chooses an item, which the toolkit tells, and else leaves it open.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 _TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
 """Right ends of the titles of `gui.actions.commands.MENUS` in font sizes, measured: the toolkit draws them unasked."""
@@ -13,14 +13,13 @@ _TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
 
 class MenuBar:
     """See the module. Tell it of all moves and presses, in order. `boxes`: (width, height) of the menus, pixels.
-    `height`: height of the bar, pixels; 0 while it is hidden."""
+    `height`: returns the height of the bar, pixels; 0 while it is hidden."""
 
-    def __init__(self, em: float, boxes: Sequence[tuple[float, float]]) -> None:
-        self._boxes = boxes
+    def __init__(self, em: float, boxes: Sequence[tuple[float, float]], height: Callable[[], float]) -> None:
+        self._boxes, self._height = boxes, height
         self._ends = [end * em for end in _TITLE_ENDS]
         self._open: int | None = None
         self._followed = False
-        self.height = 0.0
 
     @property
     def opened(self) -> bool:
@@ -54,9 +53,9 @@ class MenuBar:
         if self._open is None:
             return False
         left, (width, height) = self._ends[self._open - 1] if self._open else 0.0, self._boxes[self._open]
-        return left <= x < left + width and self.height <= y < self.height + height
+        return left <= x < left + width and 0 <= y - self._height() < height
 
     def _title(self, x: float, y: float) -> int | None:
-        if not 0 <= y < self.height:
+        if not 0 <= y < self._height():
             return None
         return next((number for number, end in enumerate(self._ends) if x < end), None)

@@ -74,7 +74,7 @@ def test_settings_help_a_fix_and_a_span(open_window: Callable[..., RunningWindow
     assert state["stage"] == "train", "letters typed into the field are not shortcuts"
     place = window.wait_for("the field", lambda s: s["widgets"][FOUND[0]][2] > 0)["widgets"][FOUND[0]]
     window.retype(FOUND[0], "nope")
-    state = window.key("Return", until=("a refusal", lambda s: "'rates: opacity' in Train" in s["error"]))
+    state = window.key("Return", until=("a refusal", lambda s: "train.rates.opacity" in s["error"]))
     assert state["widgets"][FOUND[0]] == place, "fields stay where they are when a message appears"
     x, y = window.point(FOUND[0])
     window.press(x, y + 120)  # below it, where no field has the focus

@@ -42,9 +42,16 @@ def initialized(window: Any) -> np.ndarray:
     """What *Initialize* shows; *Review* is shown again."""
     window.stage("initialize")
     window.wait_for("the mesh", lambda s: s["stage"] == "initialize" and s["settled"])
-    pixels: np.ndarray = window.pixels("viewport")
+    pixels: list[np.ndarray] = []
+
+    def still() -> bool:
+        """Whether two looks at the screen, which is behind the state, show the same."""
+        pixels.append(window.pixels("viewport"))
+        return len(pixels) > 1 and same(*pixels[-2:])
+
+    wait_until("a still picture", still)
     window.stage("review")
-    return pixels
+    return pixels[-1]
 
 
 def same(one: np.ndarray, other: np.ndarray) -> bool:

@@ -44,13 +44,13 @@ for number in range(opens):
             application.run_one_tick()
         window.closed()
     report["opened"].append(memory())
-shown, last = 0, None
+shown, viewport = 0, window.panels.viewport
 transport = window.player.transport
 while shown < frames:
     transport.step(1 if transport.frame < transport.last else -transport.last)
-    before = window.pictures
+    before = viewport.pictures
     # a sharper picture of the previous frame may come first
-    until(lambda: window.pictures > before and window.player.picture.request.frame == transport.frame, window)
+    until(lambda: viewport.pictures > before and window.player.picture.request.frame == transport.frame, window)
     shown += 1
     if shown % (frames // 4) == 0:
         report["played"].append(memory())

@@ -25,12 +25,12 @@ PATHS, RESULTS = Path(sys.argv[1]), Path(sys.argv[2])
 class DrivenWindow(window.MainWindow):
     """Goes through the paths as it ticks."""
 
-    def _on_tick(self) -> bool:
-        due = super()._on_tick()
+    def tick(self) -> bool:
+        due = super().tick()
         if not hasattr(self, "_script"):
             self._script = self._all()
         if next(self._script, "end") == "end":
-            self.wants_close = True
+            self.close_requests.wanted = True
         return due
 
     def _all(self) -> Iterator[None]:
@@ -54,7 +54,12 @@ class DrivenWindow(window.MainWindow):
                         late.append(stage)
                         break
                     yield
-                said += [self.views.message, self.message.text, self.stages.error.text, *self.player.left_out]
+                said += [
+                    self.views.message,
+                    self.panels.message.text,
+                    self.panels.stages.error.text,
+                    *self.player.left_out,
+                ]
             said += [words for row in self.workspace.rows() for words in (row.words, row.detail)]
             said.append(self.notices.text)  # what failed since
             texts, dialog = list(dict.fromkeys(filter(None, said))), self.dialogs.name

@@ -1,6 +1,5 @@
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from unittest.mock import MagicMock
 
 from tests.support.looping import wait_in_loop
 from v3studio.gui.actions.bakes import BakeActions, bake_words
@@ -13,11 +12,7 @@ from v3studio.pipelines.takes.take import Take
 def test_bakes_are_kept_on_a_thread(workspace: Workspace, take_copy: Path) -> None:
     take, notices = Take.open(take_copy), Notices()
     workspace.open(take)
-    window: Any = SimpleNamespace(
-        workspace=workspace, notices=notices, player=SimpleNamespace(refresh=lambda: None),
-        dialogs=SimpleNamespace(name=""), changed=lambda: None,
-    )  # fmt: skip
-    bakes = BakeActions(window)
+    bakes = BakeActions(MagicMock(), workspace, MagicMock(), MagicMock(), notices, lambda: None)
     bakes.keep(take, "fine")
     wait_in_loop("the bake", lambda: "'fine'" in notices.text)
     (row,) = bakes.rows

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from open3d.visualization import gui
 
 from tests.support.looping import wait_in_loop
 from tests.support.players import newest
@@ -34,23 +33,25 @@ class Chosen:
         self.widgets = {f"choice{number}": SimpleNamespace() for number in range(len(lines))}
 
 
+class Edited:
+    """The finished take with its edits, and a dialog that notes what is asked."""
+
+    def __init__(self, workspace: Workspace, take: Path) -> None:
+        self.workspace, self.dialogs, self.transport = workspace, Chosen(), Transport(5, 25.0)
+        workspace.open(Take.open(take))
+        viewpoint, rig = Viewpoint(), read_rig(take / "calibrate" / "rig.json")
+        viewpoint.orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), np.array([0.0, 0.0, 1.0]))
+        self.editor, self.edit_dialog = Editor(workspace, viewpoint), Signal[[str]]()
+        self.view = EditView(self.editor)
+        views: Any = SimpleNamespace(editor=self.editor, edits_take=True, edit_dialog=self.edit_dialog)
+        player: Any = SimpleNamespace(refresh=lambda: None, transport=self.transport)
+        dialogs: Any = self.dialogs
+        EditActions(player, workspace, views, dialogs, Notices(), lambda: None)
+
+
 @pytest.fixture
-def stand_in(workspace: Workspace, take_copy: Path) -> Any:
-    """A window with the finished take, as far as its edits go."""
-    workspace.open(Take.open(take_copy))
-    viewpoint, rig = Viewpoint(), read_rig(take_copy / "calibrate" / "rig.json")
-    viewpoint.orbit = OrbitCamera.looking_through(rig["cam0"], np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    view = EditView(Editor(workspace, viewpoint))
-    views = SimpleNamespace(editor=view.editor, edit_view=view, edits_take=True, edit_dialog=Signal())
-    picture = SimpleNamespace(widget=SimpleNamespace(frame=gui.Rect(100, 50, 400, 200)))
-    window: Any = SimpleNamespace(
-        workspace=workspace, views=views, dialogs=Chosen(), start=SimpleNamespace(shown=False),
-        viewport=SimpleNamespace(picture=picture), input=SimpleNamespace(pointer=None),
-        notices=Notices(), player=SimpleNamespace(refresh=lambda: None, transport=Transport(5, 25.0)),
-        over_view=lambda x, y: False, changed=lambda: None,
-    )  # fmt: skip
-    EditActions(window)
-    return window
+def edited(workspace: Workspace, take_copy: Path) -> Edited:
+    return Edited(workspace, take_copy)
 
 
 def splats(take: Path) -> list[int]:
@@ -61,12 +62,11 @@ def splats(take: Path) -> list[int]:
 
 @pytest.mark.parametrize(("choice", "frames"), [(0, (0, 0)), (1, (1, 3)), (2, None)])
 def test_what_is_selected_is_removed_from_the_chosen_frames(
-    stand_in: Any, take_copy: Path, choice: int, frames: tuple[int, int] | None
+    edited: Edited, take_copy: Path, choice: int, frames: tuple[int, int] | None
 ) -> None:
-    editor, view = stand_in.views.editor, stand_in.views.edit_view
-    dialogs, there = stand_in.dialogs, splats(take_copy)
+    editor, view, dialogs, there = edited.editor, edited.view, edited.dialogs, splats(take_copy)
     newest(lambda: view.poll((320, 240)), lambda: view.settled)
-    stand_in.player.transport.select_span(1, 3)
+    edited.transport.select_span(1, 3)
     editor.press("brush")
     assert view.grabs(150, 120)
     view.pull(170, 120)
@@ -86,19 +86,19 @@ def test_what_is_selected_is_removed_from_the_chosen_frames(
     assert int(dialogs.lines[choice].rpartition(": ")[2].split()[0]) == selected + gone[-1], "the count shown before"
 
 
-def test_edits_are_taken_back_in_the_list(stand_in: Any) -> None:
-    editor = stand_in.views.editor
+def test_edits_are_taken_back_in_the_list(edited: Edited) -> None:
+    editor = edited.editor
     edits = EditList(trim=Trim(first=0, last=2), floaters=Floaters(opacity=0.05))
     assert not editor.commit(edits, "both")
-    stand_in.views.edit_dialog.emit("list")
+    edited.edit_dialog.emit("list")
     LOOP.run()
-    dialogs = stand_in.dialogs
+    dialogs = edited.dialogs
     assert [line.partition(":")[0] for line in dialogs.lines] == ["Take back trim", "Take back floaters"]
     assert all("emove" not in words for words in (*dialogs.lines, *(label for _, label, _ in dialogs.answers)))
     dialogs.chosen(dialogs.lines[1])
-    file = stand_in.workspace.take.edits
+    file = edited.workspace.take.edits
     assert read_edits(file) == EditList(trim=Trim(first=0, last=2))
-    assert stand_in.workspace.history.undo() == "Undone: floaters taken back."
+    assert edited.workspace.history.undo() == "Undone: floaters taken back."
     ((_, _, take_back_all),) = dialogs.answers
     take_back_all()
     assert read_edits(file) == EditList()

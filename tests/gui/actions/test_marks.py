@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from v3studio.gui.actions.marks import ask_mark, go_to_next
+from v3studio.gui.actions.marks import MarkActions
 from v3studio.gui.models.history import History
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.notices import Notices
@@ -17,15 +17,15 @@ from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 ANNAS = Mark(frame=0, note="foot", author="Anna")
 
 
-class Window:
-    """What the actions use of the main window; its dialog keeps what can be answered."""
+class Marking:
+    """The actions with what they use; their dialog keeps what can be answered."""
 
     def __init__(self, path: Path) -> None:
-        self.marks = Marks(path)
-        self.player = PlayerPresenter()
+        self.marks, self.player, self.notices, self.history = Marks(path), PlayerPresenter(), Notices(), History()
         self.player.opened = SimpleNamespace(rig=None, sources={})  # type: ignore[assignment]
-        self.workspace, self.notices = SimpleNamespace(history=History()), Notices()
-        self.dialogs = SimpleNamespace(line=self._line)
+        workspace: Any = SimpleNamespace(history=self.history)
+        dialogs: Any = SimpleNamespace(line=self._line)
+        self.actions = MarkActions(self.player, self.marks, workspace, dialogs, self.notices)
         self.answers: dict[str, Callable[[str], None]] = {}
 
     def _line(self, kind: str, title: str, text: str, note: str, *answers: Any) -> None:
@@ -33,34 +33,34 @@ class Window:
 
 
 @pytest.fixture
-def window(tmp_path: Path) -> Window:
-    return Window(tmp_path / "marks.json")
+def marking(tmp_path: Path) -> Marking:
+    return Marking(tmp_path / "marks.json")
 
 
-def test_a_mark_stays_with_the_footage_when_the_take_begins_later(window: Window, tmp_path: Path) -> None:
-    window.player.transport = Transport(5, 25.0)
-    window.player.transport.numbers = FrameNumbers((60, 61, 62, 63, 64))
-    window.player.transport.seek(3)
-    ask_mark(window)  # type: ignore[arg-type]
-    window.answers["save"]("hand")
+def test_a_mark_stays_with_the_footage_when_the_take_begins_later(marking: Marking, tmp_path: Path) -> None:
+    marking.player.transport = Transport(5, 25.0)
+    marking.player.transport.numbers = FrameNumbers((60, 61, 62, 63, 64))
+    marking.player.transport.seek(3)
+    marking.actions.ask()
+    marking.answers["save"]("hand")
     assert list(read_marks(tmp_path / "marks.json")) == [63]
-    window.player.transport.numbers = FrameNumbers((62, 63, 64))  # capture.frames is 62: now
-    window.player.transport.seek(0)
-    go_to_next(window, 1)  # type: ignore[arg-type]
-    assert window.player.transport.frame == 1
-    window.player.transport.numbers = FrameNumbers((64,))
-    go_to_next(window, -1)  # type: ignore[arg-type]
-    assert "does not have frame 63" in window.notices.text
+    marking.player.transport.numbers = FrameNumbers((62, 63, 64))  # capture.frames is 62: now
+    marking.player.transport.seek(0)
+    marking.actions.go_to_next(1)
+    assert marking.player.transport.frame == 1
+    marking.player.transport.numbers = FrameNumbers((64,))
+    marking.actions.go_to_next(-1)
+    assert "does not have frame 63" in marking.notices.text
 
 
 @pytest.mark.parametrize("answer", ["save", "remove"])
-def test_undo_leaves_what_somebody_else_wrote_meanwhile(window: Window, tmp_path: Path, answer: str) -> None:
+def test_undo_leaves_what_somebody_else_wrote_meanwhile(marking: Marking, tmp_path: Path, answer: str) -> None:
     path = tmp_path / "marks.json"
-    window.marks.set(0, "hand", None)
-    ask_mark(window)  # type: ignore[arg-type]
-    change_mark(path, 0, ANNAS, window.marks.marks[0])
-    assert window.marks.refresh(), "the window shows it at once"
-    window.answers[answer]("head")
-    assert "changed in the meantime" in window.notices.text
-    assert window.workspace.history.undo() == "Nothing to undo."
+    marking.marks.set(0, "hand", None)
+    marking.actions.ask()
+    change_mark(path, 0, ANNAS, marking.marks.marks[0])
+    assert marking.marks.refresh(), "the window shows it at once"
+    marking.answers[answer]("head")
+    assert "changed in the meantime" in marking.notices.text
+    assert marking.history.undo() == "Nothing to undo."
     assert read_marks(path) == {0: ANNAS}

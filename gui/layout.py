@@ -1,29 +1,14 @@
-"""Shell: the part of the main window that actions and the state log use, and the layout of its panels. In a narrow
-window rows wrap and the right panel is hidden."""
+"""Where the panels of the window are. In a narrow window rows wrap and the right panel is hidden."""
 
 from __future__ import annotations
 
-import time
+from dataclasses import dataclass
 
 from open3d.visualization import gui
 
-from v3studio.gui.drawing.palette import DIM, GROUND, PANEL, TEXT
-from v3studio.gui.models.evaluation import Evaluation
-from v3studio.gui.models.marks import Marks
-from v3studio.gui.models.notices import Notices
-from v3studio.gui.models.playback.player import PlayerPresenter
-from v3studio.gui.models.playback.thumbnails import Thumbnails
-from v3studio.gui.models.preferences import PICTURE_SIZES, Preferences
-from v3studio.gui.models.take.exports import Exports
-from v3studio.gui.models.take.serving import Serving
-from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.drawing.palette import GROUND, PANEL
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.pages.start.panel import StartPanel
-from v3studio.gui.platform.closing import CloseRequests
-from v3studio.gui.platform.input_order import InputOrder
-from v3studio.gui.platform.presses import Chords
-from v3studio.gui.platform.redraw import Redraws
-from v3studio.gui.platform.x_window import XDisplay
 from v3studio.gui.viewport import Viewport
 from v3studio.gui.widgets.camera_menu import CameraMenu
 from v3studio.gui.widgets.controls import ControlsPanel
@@ -33,13 +18,9 @@ from v3studio.gui.widgets.inspector import InspectorPanel
 from v3studio.gui.widgets.modes import ModesPanel
 from v3studio.gui.widgets.notice_bar import NoticeBar
 from v3studio.gui.widgets.path_panel import PathPanel
-from v3studio.gui.widgets.picture import color, holds, make_label
-from v3studio.gui.widgets.raycast import RaycastMesh
+from v3studio.gui.widgets.picture import ImagePanel, color, holds
 from v3studio.gui.widgets.stages import StagesPanel
 from v3studio.gui.widgets.timeline import STRIP, TimelinePanel
-
-AWAKE = 0.5
-"""Seconds after an event, or while an image is awaited, in which the window checks everything at each tick (10 ms)."""
 
 NARROW = 60  # width in em below which the right panel is hidden until the user shows it (I)
 LEFT, LEAST_LEFT, MOST_LEFT = 18.0, 14.0, 40.0  # width of the left panel in em: at first, the least and the most
@@ -48,17 +29,13 @@ RIGHT, RIGHT_SHARE, MOST_RIGHT = 17.0, 0.2, 26.0
 """Width of the right panel: least in em, share of the window, most in em. The log is easier to read in wide lines."""
 
 PLAIN, SPARE, MOST_TALLER = 50.0, 0.12, 6.0
-"""The timeline gets this share of what the window is higher than `PLAIN`, and at most so much more, em."""
+"""Height of the window in em from which the timeline gets this share of each further em, and the most that it gets."""
 
 
-class Shell:
-    """What the window shows, and its panels; `gui.window.MainWindow` makes those that need actions, and runs all.
+@dataclass(frozen=True)
+class Panels:
+    """The widgets of the window. `status` is the line at the bottom, `message` is over the view."""
 
-    `pictures` counts the images shown so far; `numbers` are of the frames that the image, the figures and the timeline
-    show. `wants_close` asks the tick loop to close the window; Open3D crashes if it is closed within a tick.
-    """
-
-    layout: Layout
     viewport: Viewport
     timeline: TimelinePanel
     controls: ControlsPanel
@@ -70,49 +47,35 @@ class Shell:
     start: StartPanel
     notice_bar: NoticeBar
     hints: Hints
+    status: gui.Label
+    message: gui.Label
 
-    def __init__(self, size: tuple[int, int], device: str, titles: int) -> None:
-        self.preferences, self.device = Preferences.read(), device
-        self.workspace = Workspace()
-        self.player = PlayerPresenter(read_mesh=RaycastMesh)
-        self.views = StageViews(self.workspace, self.player)
-        self.exports, self.serving = Exports(), Serving()
-        self.evaluation, self.marks = Evaluation(), Marks()
-        self.notices, self.thumbnails = Notices(), Thumbnails()
-        self.pictures = 0
-        self.numbers: list[int | None] = [None, None, None]
-        self.wants_close = False
-        self.window = gui.Application.instance.create_window("V3 Studio", *size)
-        self.em = float(self.window.theme.font_size)
-        self.x = XDisplay()
-        self.input, self.chords = InputOrder(self.x.window), Chords()
-        self.close_requests = CloseRequests(lambda: self.x.escape_down or self.input.reports.escaping)
-        self.dialogs = Dialogs(self.window, titles)
-        self.message, self.status = make_label("", TEXT, GROUND), make_label("", DIM, PANEL)
-        self.message.visible = False
-        self._redraws = Redraws()
-        self._awake_until = 0.0
+    @property
+    def widgets(self) -> tuple[gui.Widget, ...]:
+        """All widgets, in the order in which they are drawn."""
+        return (
+            self.viewport.picture.widget,
+            *(row.widget for row in self.modes.rows.values()),
+            self.timeline.picture.widget,
+            self.controls.widget,
+            *self.stages.widgets,
+            *self.inspector.widgets,
+            self.path_panel.picture.widget,
+            self.status,
+            self.message,
+            self.hints.picture.widget,
+            self.camera_menu.widget,
+            self.start.picture.widget,
+            self.notice_bar.widget,
+        )
 
-    def open(self, path: str) -> None:
-        """Open a take, a stream or a URL; bad input is reported in the window."""
-        raise NotImplementedError
-
-    def changed(self) -> None:
-        """Note that something on screen may have changed."""
-        self._redraws.changed()
-        self._stay_awake()
-
-    def _stay_awake(self) -> None:
-        self._awake_until = time.monotonic() + AWAKE
-
-    def _selected(self, stage: str) -> None:
-        self.stages.selected = self.inspector.stage = stage
-        self.camera_menu.close()
-        self.window.set_needs_layout()
-
-    def apply_preferences(self) -> None:
-        self.viewport.most_pixels = PICTURE_SIZES[self.preferences.picture_size]
-        self.player.background = self.preferences.background
+    @property
+    def pictures(self) -> tuple[ImagePanel, ...]:
+        """The panels that are images."""
+        return (
+            self.viewport.picture, self.timeline.picture, self.stages.list, self.inspector.figures, self.inspector.log,
+            self.path_panel.picture, self.start.picture, self.hints.picture,
+        )  # fmt: skip
 
     def over_view(self, x: int, y: int) -> bool:
         """Whether a menu or a card lies over the view at a position, window pixels."""
@@ -121,13 +84,13 @@ class Shell:
 
 
 class Layout:
-    """See the module."""
+    """Which panels are on screen, and where they are."""
 
-    def __init__(self, panels: Shell) -> None:
-        self._panels = panels
+    def __init__(self, window: gui.Window, em: float, panels: Panels, dialogs: Dialogs, views: StageViews) -> None:
+        self._window, self._em, self._panels, self._dialogs, self._views = window, em, panels, dialogs, views
         self.fullscreen = False  # only the viewport is visible
         self.figures: bool | None = None
-        self._width = panels.window.content_rect.width  # asking for it takes a round trip to the X server
+        self._width = window.content_rect.width  # asking for it takes a round trip to the X server
         # Fills between the panels: one background under everything would cost a software driver 30 ms per draw.
         # Few, because Open3D draws a window with more than 20 visible children incorrectly.
         self.fills = [gui.Vert() for _ in range(4)]
@@ -138,19 +101,36 @@ class Layout:
 
     def widen(self, x: float) -> None:
         """Drag the left panel's edge to a column of the window."""
-        at = x - self._panels.window.content_rect.x
-        self.left = min(max(at / self._panels.em, LEAST_LEFT), MOST_LEFT)
-        self._panels.window.set_needs_layout()
+        at = x - self._window.content_rect.x
+        self.left = min(max(at / self._em, LEAST_LEFT), MOST_LEFT)
+        self._window.set_needs_layout()
 
     @property
     def shows_figures(self) -> bool:
         if self.fullscreen or self._panels.start.shown:
             return False
-        return self._width >= NARROW * self._panels.em if self.figures is None else self.figures
+        return self._width >= NARROW * self._em if self.figures is None else self.figures
 
     def toggle_figures(self) -> None:
         self.figures = not self.shows_figures
-        self._panels.window.set_needs_layout()
+        self._window.set_needs_layout()
+
+    @property
+    def shows_path(self) -> bool:
+        """Whether the panel of the camera path is chosen, in place of the inspector."""
+        return self._panels.path_panel.shown
+
+    def toggle_path(self) -> None:
+        """Choose the panel of the camera path, and show it, or the inspector again."""
+        panel = self._panels.path_panel
+        panel.shown = not panel.shown
+        if panel.shown and not self.shows_figures:
+            self.figures = True
+        self._window.set_needs_layout()
+
+    def toggle_warnings(self) -> None:
+        """Show the warnings of the log only, or all lines again."""
+        self._panels.inspector.toggle_warnings()
 
     def toggle_log(self) -> None:
         """Show the log over the view, or in its panel again; not in fullscreen, which has no log."""
@@ -169,7 +149,7 @@ class Layout:
         if on == self.fullscreen:
             return
         self.fullscreen = on
-        self._panels.window.show_menu(not on)
+        self._window.show_menu(not on)
         self._show_panels(not on and not self._panels.start.shown)
 
     def toggle_fullscreen(self) -> None:
@@ -192,14 +172,14 @@ class Layout:
         if not on:
             for row in panels.modes.rows.values():
                 row.widget.visible = False
-        panels.window.set_needs_layout()
+        self._window.set_needs_layout()
 
     def place(self, context: gui.LayoutContext) -> None:
-        panels, em = self._panels, self._panels.em
-        area = panels.window.content_rect
+        panels, em = self._panels, self._em
+        area = self._window.content_rect
         x, y, width, height = area.x, area.y, area.width, area.height
         self._width = width
-        panels.dialogs.place(gui.Rect(x, y, width, height))
+        self._dialogs.place(gui.Rect(x, y, width, height))
         figures = self.shows_figures
         for widget in panels.inspector.widgets:
             widget.visible = figures
@@ -232,7 +212,7 @@ class Layout:
         plots = bottom_height - controls - 2.4 * em - pad
         panels.timeline.picture.place(inner + pad, bottom + pad, padded, plots)
         view_width = inner_width - right - (gap if figures else 0)
-        modes = panels.modes.place(panels.views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
+        modes = panels.modes.place(self._views.row, inner + pad, y + 0.25 * em, view_width - pad, context)
         row = round(modes + 0.5 * em)
         panels.viewport.picture.place(inner, y + row, view_width, bottom - y - row)
         if figures or panels.inspector.large:
@@ -257,10 +237,10 @@ class Layout:
         panels.message.frame = gui.Rect(x + (width - wide) // 2, y + (height - high) // 2, wide, high)
         if self.fullscreen:  # at the top: cards of notices are at the bottom
             wide, high = _size_of(panels.status, context, width)
-            panels.status.frame = gui.Rect(x + (width - wide) // 2, y + round(panels.em), wide, high)
+            panels.status.frame = gui.Rect(x + (width - wide) // 2, y + round(self._em), wide, high)
         panels.hints.place(self.view)
         if panels.camera_menu.camera:
-            panels.camera_menu.place(context, panels.window.content_rect)
+            panels.camera_menu.place(context, self._window.content_rect)
         panels.notice_bar.place(context, x, y, width, height)
 
 
