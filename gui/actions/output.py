@@ -21,7 +21,7 @@ from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.form import Form
-from v3studio.pipelines.commands.export import DEFAULT_OF
+from v3studio.pipelines.export import DEFAULT_OF
 from v3studio.pipelines.reports.evaluation import update_marks
 from v3studio.pipelines.reports.images import write_image
 from v3studio.studio.errors import StudioError

@@ -109,7 +109,7 @@ def _sync(arguments: argparse.Namespace) -> None:
         else:
             say(f"{name}: {offset:+.2f} frames (correlation {report.confidence[name]:.2f})")
     for warning in report.warnings():
-        say(warning)
+        say(str(warning))
     if not report.warnings():
         say(f"All cameras are within half a frame of each other (method: {report.method}).")
     elif report.whole:

@@ -2,6 +2,8 @@
 
 import re
 
+ALL_FRAMES = (None, None, 1)  # ":"
+
 
 def parse_frame_range(text: str) -> tuple[int | None, int | None, int]:
     """First frame (or None), frame to stop before (or None) and step of "A:B:S" or parts. Raises ValueError."""

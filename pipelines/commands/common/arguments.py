@@ -8,16 +8,13 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
 from v3studio.pipelines.reports.terminal import say
-from v3studio.studio.capture.frame_range import parse_frame_range
+from v3studio.studio.capture.frame_range import ALL_FRAMES, parse_frame_range
 from v3studio.studio.errors import StudioError
 
 _SETTINGS_NOTE = """settings:
   --set SECTION.NAME=VALUE    or    --SECTION.NAME VALUE
   Overrides a setting; example: --train.max-splats 20000. `v3studio config` lists all settings.
 """
-
-
-ALL_FRAMES = (None, None, 1)  # what `frame_range` returns for ":"
 
 
 class WrongUsage(SystemExit):

@@ -82,7 +82,8 @@ def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dila
     ]
     write_manifest(tmp_path / "s", groups, 10.0, settings)
     for kind in ("ply", "turntable.mp4"):
-        done = here("export", tmp_path / "s", "--format", kind[:9], "--out", tmp_path / kind, "--size", "32x32").ok()
+        size = () if kind == "ply" else ("--size", "32x32")
+        done = here("export", tmp_path / "s", "--format", kind[:9], "--out", tmp_path / kind, *size).ok()
         told = words and kind != "turntable.mp4"  # movies are drawn here, as trained
         assert [words in line for line in done.stdout.splitlines()] == ([False, True] if told else [not words])
     assert read_splats(tmp_path / "ply" / "frame_0001.ply").dilation == 0.3
@@ -194,7 +195,7 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
         ([take / "stream", "--format", "exr", "--camera", "side", "--out", out], "--camera side needs a take"),
         ([take, "--format", "ply", "--camera", "side", "--out", out], "does not take --camera"),
         ([take, "--format", "videogs", "--axes", "viewer", "--out", out], "supports only the axes of the capture"),
-        ([take, "--format", "ply", "--spz-version", "3", "--out", out], "has no --spz-version"),
+        ([take, "--format", "ply", "--spz-version", "3", "--out", out], "does not take --spz-version"),
         ([tmp_path / "none", "--format", "ply", "--out", out], "no such folder"),
     ]
     for arguments, message in cases:
