@@ -129,14 +129,13 @@ ATTRIBUTES = (
         held=True, to_channels=to_ycocg, from_channels=from_ycocg,
     ),
 )  # fmt: skip
-"""In the order of the channels, and of the values that losses act on."""
 
 BY_NAME: dict[str, Attribute] = {attribute.name: attribute for attribute in ATTRIBUTES}
 NAMES: dict[str, dict[str, list[str]]] = {
     "motion": {one.name: list(one.channels) for one in ATTRIBUTES},
     "planes": {name: list(BY_NAME[name].components) for name in ("means", "sh", "opacities", "scales", "quats")},
 }
-"""In the order of the manifest. Attributes that are not rendered come last: shaders find channels by their places."""
+"""Channels and components of each attribute, in the order of the manifest. Nothing else depends on this order."""
 
 _BOUNDS = {name: (-MAX_VALUE, one.largest) for one in ATTRIBUTES for name in one.components}
 _BOUNDS |= dict.fromkeys(BY_NAME["scales"].channels, (-MAX_SHAPE, MAX_SHAPE))
@@ -159,14 +158,15 @@ def channels(sh_degree: int) -> tuple[str, ...]:
 
 
 def attribute_rows(profile: str, sh_degree: int) -> dict[str, slice]:
-    """Rows of each attribute among the channels (`motion`) or components (`planes`)."""
-    found, start = {}, 0
-    for one, names in _names(profile, sh_degree):
-        found[one] = slice(start, start + len(names))
+    """Rows of each attribute that has any among the channels (`motion`) or components (`planes`)."""
+    rows, start = {}, 0
+    for attribute, names in _names(profile, sh_degree):
+        rows[attribute] = slice(start, start + len(names))
         start += len(names)
-    return found
+    return rows
 
 
 def _names(profile: str, sh_degree: int) -> Iterator[tuple[str, list[str]]]:
-    for one, names in NAMES[profile].items():
-        yield one, [name.format(k=k) for k in range(BY_NAME[one].repeats(sh_degree)) for name in names]
+    for attribute, names in NAMES[profile].items():
+        if names:
+            yield attribute, [name.format(k=k) for k in range(BY_NAME[attribute].repeats(sh_degree)) for name in names]

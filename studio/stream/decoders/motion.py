@@ -10,7 +10,7 @@ from torch import Tensor
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer.kernels import kernels_for
 from v3studio.studio.rotations import quat_multiply
-from v3studio.studio.stream.attributes import ATTRIBUTES, attribute_rows
+from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows
 from v3studio.studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
 from v3studio.studio.stream.manifest import MotionRendition
 from v3studio.studio.stream.morton import square_scan
@@ -18,6 +18,8 @@ from v3studio.studio.stream.motion_state import MotionState, Side
 from v3studio.studio.stream.shapes import shape_axes
 from v3studio.studio.stream.sources.source import damaged
 from v3studio.studio.stream.video import PlaneDecoder
+
+_KERNEL = ("means", "scales", "opacities", "sh")  # attributes whose channels `dequantize` reads, in its order
 
 
 class GroupTables:
@@ -42,12 +44,13 @@ class GroupTables:
         self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
         self._steps = np.array([entry.step for entry in group.channels], dtype=np.float32)
         self._offsets = np.array([entry.offset - 128 * entry.step for entry in group.channels], dtype=np.float32)
-        self._used = attribute_rows("motion", group.sh_degree)["sh"].stop  # the channels that the kernel reads
+        rows = attribute_rows("motion", group.sh_degree)
+        self._read = np.concatenate([np.arange(rows[name].start, rows[name].stop) for name in _KERNEL])
         self._inputs = {  # as the kernel takes them
             "pixels": self.pixels.astype(np.int32),
-            "first": np.array(self.first[: self._used], dtype=np.int64),
-            "steps": self._steps[: self._used],
-            "offsets": self._offsets[: self._used],
+            "first": np.array(self.first, dtype=np.int64)[self._read],
+            "steps": self._steps[self._read],
+            "offsets": self._offsets[self._read],
             "labels": side.labels.astype(np.int32),
         }
 
@@ -61,20 +64,22 @@ class GroupTables:
         if kernels is None:
             return self.gaussians_numpy(index, picture)
         empty, size = kernels.empty_float, (group.splats, group.sh_degree)
-        found = {one.tensor: empty(one.tensor_shape(*size)) for one in ATTRIBUTES[:5]}
-        results = {"logits" if name == "logit_opacities" else name: one for name, one in found.items()}
+        made = {BY_NAME[name].tensor: empty(BY_NAME[name].tensor_shape(*size)) for name in ("quats", *_KERNEL)}
+        results = {"logits" if name == "logit_opacities" else name: tensor for name, tensor in made.items()}
         turned = self.state.rotations(index)
         turned = turned if turned is None else np.ascontiguousarray(turned)
         begin, end = self._starts[index : index + 2]
         channel, splat, code = (part[begin:end] for part in self._escapes)
+        low, high = (np.searchsorted(channel, self._read, side) for side in ("left", "right"))
+        escapes = np.concatenate([np.arange(*ends) for ends in zip(low, high, strict=True)])
         kernels.dequantize(
             picture=np.ascontiguousarray(picture), **self._inputs,
-            escape_starts=np.searchsorted(channel, np.arange(self._used + 1)).astype(np.int64),
-            escape_splats=splat.astype(np.int32), escape_codes=code, gains=self.gains, keyframe=self.state.keyframe,
+            escape_starts=np.concatenate([[0], np.cumsum(high - low)]), escape_splats=splat[escapes].astype(np.int32),
+            escape_codes=code[escapes], gains=self.gains, keyframe=self.state.keyframe,
             local=self.state.blocks.local, maps=self.state.maps(index), rotations=turned,
             **results, threads=threads,
         )  # fmt: skip
-        return self._completed(found, index, picture)
+        return self._completed(made, index, picture)
 
     def gaussians_numpy(self, index: int, picture: np.ndarray) -> Gaussians:
         """`gaussians` in plain NumPy. This is the definition."""
@@ -83,16 +88,17 @@ class GroupTables:
         turned = self.state.rotations(index)
         if turned is not None:
             quats = quat_multiply(turned[self.state.labels], quats)
-        made = zip(("means", "quats", "log_scales"), (means, quats, log_scales), strict=True)
-        return self._completed({name: torch.from_numpy(one) for name, one in made}, index, picture)
+        arrays = {"means": means, "quats": quats, "log_scales": log_scales}
+        return self._completed({name: torch.from_numpy(array) for name, array in arrays.items()}, index, picture)
 
-    def _completed(self, found: dict[str, Tensor], index: int, picture: np.ndarray) -> Gaussians:
-        """With all other attributes, which need nothing but their own channels."""
-        for one in ATTRIBUTES:
-            if one.tensor not in found:
-                columns = np.ascontiguousarray(one.from_channels(self.values(index, picture, one.name)).T)
-                found[one.tensor] = torch.from_numpy(one.inverse(columns).reshape(len(columns), *one.shape))
-        return Gaussians(**found, dilation=self.group.dilation)
+    def _completed(self, tensors: dict[str, Tensor], index: int, picture: np.ndarray) -> Gaussians:
+        """Gaussians of these tensors and of all other attributes, which need nothing but their own channels."""
+        for attribute in ATTRIBUTES:
+            if attribute.tensor not in tensors:
+                columns = np.ascontiguousarray(attribute.from_channels(self.values(index, picture, attribute.name)).T)
+                values = attribute.inverse(columns).reshape(len(columns), *attribute.shape)
+                tensors[attribute.tensor] = torch.from_numpy(values)
+        return Gaussians(**tensors, dilation=self.group.dilation)
 
     def values(self, index: int, picture: np.ndarray, attribute: str) -> np.ndarray:
         """(C, N) float32 values of an attribute's channels in frame `index` of the group, classes not yet applied."""

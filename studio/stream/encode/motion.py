@@ -1,6 +1,5 @@
 """Encoder of the profile `motion`: keyframe means and block motion in a side file, everything else in one video."""
 
-import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -79,7 +78,7 @@ class MotionBake:
         self._importance = _importance(opacities[0], scales[0].mean(axis=0))
         quats = self._values[:, rows["quats"]].transpose(0, 2, 1).astype(np.float64)
         self._turns = self._block_turns(quats)
-        self._attributes = self._unmoving(quats)
+        self._unmoving = self._without_turns(quats)
 
     def _order(self, points: np.ndarray) -> np.ndarray:
         """Morton order of the finest cells, valid for coarser cells too. Sets origin, extent and codes."""
@@ -94,8 +93,8 @@ class MotionBake:
         self._codes = codes[order]
         return order
 
-    def _unmoving(self, quats: np.ndarray) -> np.ndarray:
-        """Values of the channels from `shape_xx` on, (F, C - 3, N), as they are in blocks that do not rotate."""
+    def _without_turns(self, quats: np.ndarray) -> dict[str, np.ndarray]:
+        """(F, C, N) channels of each attribute but the means, as they are in blocks that do not rotate."""
         parts = {name: self._values[:, rows] for name, rows in attribute_rows("planes", self._degree).items()}
         shapes = np.empty((self._count, 6, self._splats), dtype=np.float32)
         for frame, scales in enumerate(np.exp(parts["scales"])):
@@ -104,8 +103,9 @@ class MotionBake:
                 turned = mrp_to_quats(self._turns[frame - 1].T * _ROTATION_UNIT)
                 own = quat_multiply(quat_conjugate(turned)[self._labels], own)
             shapes[frame] = shapes_of(own, scales.T)
-        others = (one.to_channels(parts[one.name]) for one in ATTRIBUTES[3:])  # without means, quats and scales
-        return np.concatenate([shapes, *others], axis=1)
+        moving = ("means", "quats", "scales")
+        others = {one.name: one.to_channels(parts[one.name]) for one in ATTRIBUTES if one.name not in moving}
+        return {"scales": shapes, **others}
 
     def write(
         self,
@@ -125,12 +125,14 @@ class MotionBake:
         codes = self._codes >> np.uint64(3 * (MAX_BITS - bits))
         table, affine = self._motions(codes, lattice, threads)
         residuals = self._residuals(codes, lattice, table, affine)
-        attributes = self._attributes
+        attributes = self._unmoving
         if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
-            attributes = self._smooth_attributes
-        steps = _channel_steps(self._degree, self._step, self._typical, settings)
-        classes = _classes(self._importance, residuals, steps[0])
+            attributes = self._smoothed
+        channel_rows = attribute_rows("motion", self._degree)
+        means = channel_rows["means"]
+        steps = self._channel_steps(settings)
+        classes = _classes(self._importance, residuals, steps[means.start])
         gains = np.ldexp(1.0, classes.astype(np.int64))
         entries: list[ChannelEntry] = []
         tile = tile_side(self._splats)
@@ -138,13 +140,13 @@ class MotionBake:
         pictures = np.full((self._count, rows * tile, columns * tile), 128, dtype=np.uint8)
         scan = square_scan(tile, tile * tile)
         escapes: list[np.ndarray] = []
-        coded = itertools.chain(  # in the order of the channels
-            (residuals[:, :, i] / gains for i in range(3)),
-            (attributes[:, i].astype(np.float64) for i in range(attributes.shape[1])),
-        )
+        parts = {"means": residuals.swapaxes(1, 2), **attributes}
+        coded = (values for name in channel_rows for values in parts[name].swapaxes(0, 1))
         for index, (channel, step, values) in enumerate(zip(channels(self._degree), steps, coded, strict=True)):
-            offset = 0.0
-            if index >= 3:
+            if means.start <= index < means.stop:
+                offset, values = 0.0, values / gains
+            else:
+                values = values.astype(np.float64)
                 offset, step = map(_stored, _channel_range(values, step))
             codes_8 = np.rint((values - offset) / step).astype(np.int64) + 128
             beyond = (codes_8 < 0) | (codes_8 > 255)
@@ -182,15 +184,33 @@ class MotionBake:
             side=side_entry,
         )
 
+    def _channel_steps(self, settings: BakeSettings) -> list[float]:
+        """Step of each channel of `attributes.channels`, before `_channel_range`, in world units.
+
+        Residuals of class 1 have `self._step`, those of class 0 half of it. An attribute whose QP differs from `qp` has
+        a finer or coarser step, 6 QPs per factor of two.
+        """
+        steps: list[float] = []
+        for attribute in map(BY_NAME.__getitem__, attribute_rows("motion", self._degree)):
+            base = attribute.steps
+            if attribute.name == "means":
+                base = (self._step / 2,) * 3
+            elif attribute.name == "scales":
+                base = tuple(step * math.sqrt(self._typical) for step in base)
+            qp = settings.attribute_qps.get(attribute.qp_name, settings.qp)
+            steps += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(self._degree)
+        return steps
+
     @cached_property
-    def _smooth_attributes(self) -> np.ndarray:
-        """(F, C - 3, N) float64 shapes, opacities and colors, each smoothed on its own."""
-        steps = _channel_steps(self._degree, self._step, self._typical, BakeSettings())[3:]
-        channels = [
-            smooth_paths(values[..., None], _JITTER * step, keep_first=False)[..., 0]
-            for values, step in zip(self._attributes.swapaxes(0, 1), steps, strict=True)
-        ]
-        return np.stack(channels, axis=1)
+    def _smoothed(self) -> dict[str, np.ndarray]:
+        """(F, C, N) float64 channels of each attribute but the means, each channel smoothed on its own."""
+        steps, rows = self._channel_steps(BakeSettings()), attribute_rows("motion", self._degree)
+        smoothed = {}
+        for name, values in self._unmoving.items():
+            channels = zip(values.swapaxes(0, 1), steps[rows[name]], strict=True)
+            paths = [smooth_paths(path[..., None], _JITTER * step, keep_first=False) for path, step in channels]
+            smoothed[name] = np.stack([path[..., 0] for path in paths], axis=1)
+        return smoothed
 
     def _encode(
         self, pictures: np.ndarray, path: Path, settings: BakeSettings, progress: ProgressFn, fps: float
@@ -267,24 +287,6 @@ def _classes(importance: np.ndarray, residuals: np.ndarray, step: float) -> np.n
     reach = np.quantile(np.abs(residuals).max(axis=2), 0.8, axis=0)
     needed = np.ceil(np.log2(np.maximum(reach / (_STEPS_A_SIDE * step), 1e-9)))
     return np.clip(np.maximum(wanted, needed), 0, MAX_CLASS).astype(np.uint8)
-
-
-def _channel_steps(sh_degree: int, position_step: float, typical: float, settings: BakeSettings) -> list[float]:
-    """Step of each channel of `attributes.channels(sh_degree)`, before `_channel_range`, in world units.
-
-    `position_step` is of residuals of class 1; class 0 has half of it. `typical` is the size of a typical splat. An
-    attribute whose QP differs from `qp` has a finer or coarser step, 6 QPs per factor of two.
-    """
-    result: list[float] = []
-    for attribute in ATTRIBUTES:
-        base = attribute.steps
-        if attribute.name == "means":
-            base = (position_step / 2,) * 3
-        elif attribute.name == "scales":
-            base = tuple(step * math.sqrt(typical) for step in base)
-        qp = settings.attribute_qps.get(attribute.qp_name, settings.qp)
-        result += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(sh_degree)
-    return result
 
 
 def _channel_range(values: np.ndarray, step: float) -> tuple[float, float]:

@@ -33,9 +33,10 @@ class PlanesBake:
         means = frames[0].means.detach().cpu().numpy()
         self._order = morton_order(means) if np.isfinite(means).all() else np.arange(len(means))
         self._low, self._high = _ranges(component_frames(_reported(frames, progress)))
-        self._box = Box(min=point(self._low), max=point(self._high))
         rows = attribute_rows("planes", frames[0].sh_degree)
-        extent = float((self._high[rows["means"]] - self._low[rows["means"]]).max())
+        least, most = self._low[rows["means"]], self._high[rows["means"]]
+        self._box = Box(min=point(least), max=point(most))
+        extent = float((most - least).max())
         floor = scale_floor(typical_size(frames[0].log_scales.detach().cpu().numpy().T, extent))
         scales = rows["scales"]
         self._low[scales] = np.minimum(np.maximum(self._low[scales], floor), self._high[scales])

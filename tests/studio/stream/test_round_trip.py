@@ -5,6 +5,7 @@ import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from tests.support.performer import attribute_errors, performer
 from tests.support.splats import same_splats
 from tests.support.streams import contents
 from v3studio.studio.gaussians import Gaussians
-from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
+from v3studio.studio.rasterizer.kernels import definitions_only
+from v3studio.studio.stream import BakeSettings, StreamReader, attributes, bake_group, write_manifest
 from v3studio.studio.stream.codecs import CODECS
 from v3studio.studio.stream.morton import morton_order
 
@@ -112,6 +114,26 @@ def test_lossless_frames_come_back(tmp_path, profile, frames, splats, degree):
             expect_close_motion(original, found, entry, number == 0, f"frame {number}")
         else:
             expect_close_planes(original, found, entry, f"frame {number}")
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"profile": "planes"}, {"smooth_paths": False}, {"smooth_paths": True}],
+    ids=lambda one: str(*one.values()),
+)
+def test_attributes_are_found_by_name(
+    tmp_path: Path, settings: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In another order, the stream has the same frames."""
+    frames = performer(3, 400)
+    usual, wanted = bake(tmp_path / "usual", frames, quality=0, **settings)
+    reversed_names = {name: dict(reversed(names.items())) for name, names in attributes.NAMES.items()}
+    monkeypatch.setattr(attributes, "NAMES", reversed_names)
+    entry, found = bake(tmp_path / "reversed", frames, quality=0, **settings)
+    assert entry.bounding_box == usual.bounding_box
+    assert all(map(same_splats, found, wanted))
+    with definitions_only(), StreamReader.open(tmp_path / "reversed") as reader:
+        assert torch.equal(reader.gaussians(2).means, wanted[2].means)
 
 
 @pytest.mark.parametrize("profile", PROFILES)
