@@ -9,6 +9,7 @@
  * same program: another one would have to be compiled when the first of them appear, amid playback.
  */
 
+import { tilesOf } from "../stream/layout.ts";
 import { NEAR } from "../stream/sort.ts";
 
 /** Maximum alpha of a splat at a pixel, and the minimum that is rendered, as in studio.rasterizer. */
@@ -67,7 +68,9 @@ float byteAt(int c) {
 float v(int c) { return byteAt(c) * units[c].y + units[c].x; }`;
 }
 
-const MOTION = (shDegree: number): string => `
+const MOTION = (shDegree: number): string => {
+  const { means, scales, opacities, sh } = tilesOf("motion", shDegree);
+  return `
 uniform usampler2D statics;
 uniform sampler2D blocks;
 uniform vec3 latticeMin;
@@ -84,38 +87,41 @@ bool read(out vec3 mean, out mat3 axes, out float opacity) {
   vec4 turn = texelFetch(blocks, at + ivec2(4, 0), 0);
   vec3 u = (cell - vec3(a0.w, a1.w, a2.w)) * lattice.y;
   vec3 moved = a3.xyz + u.x * a0.xyz + u.y * a1.xyz + u.z * a2.xyz;
-  mean = latticeMin + (cell + 0.5) * lattice.x + moved + exp2(float(s.y >> 16)) * vec3(v(0), v(1), v(2));
-  float xy = v(6), xz = v(7), yz = v(8);
-  mat3 shape = mat3(v(3), xy, xz, xy, v(4), yz, xz, yz, v(5));
+  mean = latticeMin + (cell + 0.5) * lattice.x + moved + exp2(float(s.y >> 16)) * vec3(v(${means}), v(${means + 1}), v(${means + 2}));
+  float xx = v(${scales}), yy = v(${scales + 1}), zz = v(${scales + 2});
+  float xy = v(${scales + 3}), xz = v(${scales + 4}), yz = v(${scales + 5});
+  mat3 shape = mat3(xx, xy, xz, xy, yy, yz, xz, yz, zz);
   axes = turned(turn) * (shape * shape);
-  opacity = v(9);
+  opacity = v(${opacities});
   return true;
 }
 
 vec3 harmonics(vec3 d) {
   vec3 color = vec3(0.0); // luma, orange, green
-  ${colorSum(shDegree, 10)}
+  ${colorSum(shDegree, sh)}
   return vec3(color.x + color.y - color.z, color.x + color.z, color.x - color.y - color.z);
 }`;
+};
 
 const PLANES = (shDegree: number): string => {
-  const opacity = 6 + 3 * (shDegree + 1) ** 2;
+  const { means, scales, opacities, quats, sh } = tilesOf("planes", shDegree);
   return `
 uniform int splats;
 uniform bvec3 mirrored;
 
 float place(int axis) {
-  float high = byteAt(2 * axis), low = byteAt(2 * axis + 1);
+  int at = ${means} + 2 * axis;
+  float high = byteAt(at), low = byteAt(at + 1);
   if (mirrored[axis] && mod(high, 2.0) > 0.5) low = 255.0 - low;
-  return units[2 * axis].x + high * units[2 * axis].y + low * units[2 * axis + 1].y;
+  return units[at].x + high * units[at].y + low * units[at + 1].y;
 }
 
 bool read(out vec3 mean, out mat3 axes, out float opacity) {
   if (here.y * layoutOf.x + here.x >= splats) return false;
   mean = vec3(place(0), place(1), place(2));
-  opacity = v(${opacity});
-  vec3 scale = exp(vec3(v(${opacity + 1}), v(${opacity + 2}), v(${opacity + 3})));
-  vec4 quat = vec4(v(${opacity + 4}), v(${opacity + 5}), v(${opacity + 6}), v(${opacity + 7}));
+  opacity = v(${opacities});
+  vec3 scale = exp(vec3(v(${scales}), v(${scales + 1}), v(${scales + 2})));
+  vec4 quat = vec4(v(${quats}), v(${quats + 1}), v(${quats + 2}), v(${quats + 3}));
   float size = length(quat);
   if (!(size > 0.0)) return false;
   axes = turned(quat / size);
@@ -125,16 +131,10 @@ bool read(out vec3 mean, out mat3 axes, out float opacity) {
 
 vec3 harmonics(vec3 d) {
   vec3 color = vec3(0.0);
-  ${colorSum(shDegree, 6)}
+  ${colorSum(shDegree, sh)}
   return color;
 }`;
 };
-
-/** The channels that are rendered; others come after them. */
-function channelCount(profile: "motion" | "planes", shDegree: number): number {
-  // In the profile planes, each position coordinate has two planes.
-  return (profile === "motion" ? 10 : 14) + 3 * (shDegree + 1) ** 2;
-}
 
 /** The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
  * blue and opacity (half floats); 1 if the splat is visible. */
@@ -149,7 +149,7 @@ uniform vec4 limits; // minimum and maximum x / z, then y / z
 uniform float dilation; // added to the diagonal of every projected covariance, square pixels
 uniform vec2 size;
 uniform ivec2 origin; // where the words of the first splat go
-${channels(channelCount(profile, shDegree))}
+${channels(tilesOf(profile, shDegree).count)}
 
 mat3 turned(vec4 q) { // rotation of a unit quaternion
   float w = q.x, x = q.y, y = q.z, z = q.w;

@@ -13,14 +13,26 @@ export function valueBounds(name: string): readonly [low: number, high: number] 
   return [-MAX_VALUE, name.startsWith("log_scale") ? MAX_LOG_SCALE : MAX_VALUE];
 }
 
-/** Attributes with the names of their channels (`motion`) or components (`planes`), in order; means are the first. Names with
- * {k} occur for each SH coefficient, others once. */
+/** Attributes with the names of their channels (`motion`) or components (`planes`), in order. Names with {k}
+ * occur for each SH coefficient, others once. */
 export function attributeNames(profile: "motion" | "planes", shDegree: number): [attribute: keyof SplatArrays, names: string[]][] {
   const repeated = Array.from({ length: (shDegree + 1) ** 2 }, (_, k) => String(k));
   return Object.entries(names[profile]).map(([attribute, found]) => [
     attribute as keyof SplatArrays,
     [...new Set(repeated.flatMap((k) => found.map((name) => name.replace("{k}", k))))],
   ]);
+}
+
+/** Number of the first tile of each attribute in the image, and of all tiles: one for each channel (`motion`) or plane
+ * (`planes`, where a component of the means has two). */
+export function tilesOf(profile: "motion" | "planes", shDegree: number): Record<keyof SplatArrays | "count", number> {
+  let count = 0;
+  const first = attributeNames(profile, shDegree).map(([attribute, { length }]) => {
+    const at = count;
+    count += profile === "planes" && attribute === "means" ? 2 * length : length;
+    return [attribute, at];
+  });
+  return { ...(Object.fromEntries(first) as Record<keyof SplatArrays, number>), count };
 }
 
 /** The names of all channels or components, in order. */

@@ -1,6 +1,6 @@
 /** Decodes splats from a side file and a luma image, for sorting and for the shaders. */
 
-import { tilePixels } from "./layout.ts";
+import { tilePixels, tilesOf } from "./layout.ts";
 import type { MotionRendition } from "./manifest.ts";
 import type { SideFile } from "./side_file.ts";
 
@@ -128,13 +128,14 @@ export class MotionTables {
     const { labels, classes, escapes } = this.side;
     const { offsets, keyframe, local } = this;
     const width = columns * tile;
-    const first = [0, 1, 2].map((c) => Math.floor(c / columns) * tile * width + (c % columns) * tile);
+    const { means } = tilesOf("motion", this.group.sh_degree);
+    const first = [means, means + 1, means + 2].map((c) => Math.floor(c / columns) * tile * width + (c % columns) * tile);
     const [fx, fy, fz] = [first[0], first[1], first[2]];
     const gains = Float32Array.from({ length: 16 }, (_, c) => 2 ** c);
     // lookup table of value = offset + (code - 128) * step: 256 codes, three channels
     const values = new Float32Array(768);
     for (let c = 0; c < 3; c++) {
-      const { offset, step } = channels[c];
+      const { offset, step } = channels[means + c];
       const base = f(offset - 128 * step);
       for (let code = 0; code < 256; code++) values[256 * c + code] = f(f(code * f(step)) + base);
     }
@@ -155,10 +156,10 @@ export class MotionTables {
       out[to + 2] = f(keyframe[to + 2] + z) + values[512 + luma[fz + at]] * gain;
     }
     for (let e = escapes.starts[index]; e < escapes.starts[index + 1]; e++) {
-      const c = escapes.channel[e];
-      if (c > 2) continue;
+      const c = escapes.channel[e] - means;
+      if (c < 0 || c > 2) continue;
       const i = escapes.splat[e];
-      const { offset, step } = channels[c];
+      const { offset, step } = channels[means + c];
       const value = f(f(f(escapes.code[e]) * f(step)) + f(offset - 128 * step));
       const to = 3 * i + c;
       const b = BLOCK_FLOATS * labels[i] + c;

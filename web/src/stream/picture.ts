@@ -1,6 +1,7 @@
 /** The image that holds all of a frame's numbers, as tiles. In the profile `planes`, it is assembled from the planes, so that
  * both profiles are rendered in the same way. */
 
+import { tilesOf } from "./layout.ts";
 import { filesOf, isMotion, type PlanesRendition, type Rendition } from "./manifest.ts";
 
 const COLUMNS = 8; // tiles per row of the image that contains a frame's planes
@@ -37,8 +38,9 @@ export function unitsOf(group: Rendition): Float32Array<ArrayBuffer> {
 }
 
 /** Whether the low bytes of each position are mirrored where the high ones are odd. */
-export function mirroredAxes({ components }: PlanesRendition): boolean[] {
-  return components.slice(0, 3).map(({ planes }) => planes[1].part === "low_mirrored");
+export function mirroredAxes({ components, sh_degree: shDegree }: PlanesRendition): boolean[] {
+  const { means } = tilesOf("planes", shDegree);
+  return components.slice(means, means + 3).map(({ planes }) => planes[1].part === "low_mirrored");
 }
 
 /** Centers of all splats, (N, 3) float32 into `out`; `picture` is laid out as `layoutOf` says. */
@@ -46,10 +48,11 @@ export function planePositions(group: PlanesRendition, picture: Uint8Array, out:
   const { tile, columns } = layoutOf(group);
   const width = tile * columns;
   const mirroring = mirroredAxes(group);
-  group.components.slice(0, 3).forEach((component, axis) => {
+  const { means } = tilesOf("planes", group.sh_degree);
+  group.components.slice(means, means + 3).forEach((component, axis) => {
     const scale = (component.max - component.min) / 65535;
     const mirrored = mirroring[axis];
-    const [high, low] = [2 * axis, 2 * axis + 1].map(
+    const [high, low] = [means + 2 * axis, means + 2 * axis + 1].map(
       (plane) => Math.floor(plane / columns) * tile * width + (plane % columns) * tile,
     ) as [number, number];
     for (let i = 0, row = 0, column = 0; i < group.splats; i++) {

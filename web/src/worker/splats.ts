@@ -1,6 +1,6 @@
 /** Dequantizes all of a frame's splats, for engines that take arrays; the player's own shaders read the image instead. */
 
-import { attributeNames, channelNames } from "../stream/layout.ts";
+import { attributeNames, channelNames, tilesOf } from "../stream/layout.ts";
 import type { Rendition } from "../stream/manifest.ts";
 import type { SplatArrays } from "../stream/manifest_types.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
@@ -41,18 +41,20 @@ export function dequantize(
   const offsets = tables?.offsets ?? rowOffsets(count, tile, columns);
   const { quats, scales, opacities, sh } = out;
   const motion = tables !== null;
-  // By channel; the first ones are positions. In the profile `motion`, quaternions and scales hold the shapes until `findAxes`.
-  const targets = attributeNames(motion ? "motion" : "planes", shDegree).slice(1).flatMap(([name, { length }]) =>
-    Array.from({ length }, (_, k): Target => {
-      if (motion && name === "scales") return k < 3 ? [quats, 4, k + 1] : [scales, 3, k - 3];
-      return [out[name], length, k];
-    }),
-  );
-  const first = motion ? 3 : 6;
+  const profile = motion ? "motion" : "planes";
+  const tiles = tilesOf(profile, shDegree);
+  // By tile. In the profile `motion`, quaternions and scales hold the shapes until `findAxes`.
+  const targets = new Map<number, Target>();
+  for (const [name, { length }] of attributeNames(profile, shDegree)) {
+    if (name === "means") continue;
+    for (let k = 0; k < length; k++) {
+      const shape: Target = k < 3 ? [quats, 4, k + 1] : [scales, 3, k - 3];
+      targets.set(tiles[name] + k, motion && name === "scales" ? shape : [out[name], length, k]);
+    }
+  }
   const meaning = ([array]: Target): ((value: number) => number) =>
     array === scales && !motion ? Math.exp : array === opacities ? clamped : same;
-  targets.forEach((target, k) => {
-    const channel = first + k;
+  targets.forEach((target, channel) => {
     const finish = meaning(target);
     const values = Float32Array.from({ length: 256 }, (_, code) => finish(units[2 * channel] + code * units[2 * channel + 1]));
     const corner = Math.floor(channel / columns) * tile * tile * columns + (channel % columns) * tile;
@@ -65,8 +67,8 @@ export function dequantize(
   }
   const { starts, channel, splat, code } = tables.side.escapes;
   for (let e = starts[within]; e < starts[within + 1]; e++) {
-    const target = targets[channel[e] - first];
-    if ((target as Target | undefined) === undefined) continue; // a position, or none
+    const target = targets.get(channel[e]);
+    if (target === undefined) continue; // a position
     const [array, stride, begin] = target;
     array[stride * splat[e] + begin] = meaning(target)(units[2 * channel[e]] + code[e] * units[2 * channel[e] + 1]);
   }
