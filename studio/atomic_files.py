@@ -1,21 +1,25 @@
-"""Atomic writes: a file appears complete or not at all."""
+"""Atomic writes: a file appears complete or not at all. Locks of files that several processes change."""
 
+import errno
+import fcntl
 import hashlib
 import json
+import logging
 import os
 import re
 import secrets
 import shutil
 import socket
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from v3studio.studio.errors import StudioError
+from v3studio.studio.errors import Message, StudioError
 
 PARTIAL = ".partial"
 """Part of every temporary name. Remaining files with this name are leftovers of killed processes and may be deleted."""
@@ -164,3 +168,37 @@ def link_or_copy(source: str, target: str) -> None:
         os.link(source, target)
     except OSError:
         shutil.copy2(source, target)
+
+
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+_told_of_locks = threading.Event()
+
+
+def lock(
+    file: IO[Any] | int, *, shared: bool = False, wait: bool = True, tell: Callable[[Message], None] | None = None
+) -> bool:
+    """Lock an open file until it is closed, or its process ends for any reason.
+
+    Returns False if the file system has no locks: nothing is locked then, and `tell` hears once in the life of this
+    process what cannot be promised (default: it is logged). Raises BlockingIOError if the file is locked and `wait` is
+    False.
+    """
+    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+    try:
+        fcntl.flock(file, kind if wait else kind | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        if not _told_of_locks.is_set():
+            _told_of_locks.set()
+            problem = "this file system has no locks: if two machines change the same take or queue at once, changes "
+            problem += "may be lost"
+            fix = "Use one machine at a time, or mount it with locks (NFS 4; Lustre with -o flock)."
+            place = None if isinstance(file, int) else file.name
+            message = Message("files.no_locks", problem, place, fix=fix)
+            if tell is None:
+                logging.getLogger(__name__).warning("%s", message)
+            else:
+                tell(message)
+        return False
+    return True

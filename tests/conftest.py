@@ -9,6 +9,7 @@ import hypothesis
 import pytest
 
 from tests.support.shared import made_once
+from tests.support.warm_python import lose_locks
 from v3studio.studio.process import passive_openmp
 
 passive_openmp()  # before torch is imported; not here, since pytest-xdist's own process does without
@@ -32,6 +33,8 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     hypothesis.settings.register_profile("any machine", deadline=None)
     hypothesis.settings.load_profile("any machine")
+    if "V3STUDIO_WITHOUT_LOCKS" in os.environ:
+        lose_locks()
     for line in (
         "gpu: needs a CUDA device; skipped if there is none",
         "long: one of its tests takes longer than most files; these files start first, so that none is left at the end",

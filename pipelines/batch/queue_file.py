@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import signal
 import socket
@@ -16,7 +15,7 @@ from pydantic import Field
 
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.files.json_files import Result, read_model, write_model
-from v3studio.pipelines.takes.files.locks import held, holder_of
+from v3studio.pipelines.takes.files.locks import exclusively, held, holder_of
 from v3studio.studio.errors import StudioError
 from v3studio.studio.storage.address import is_address
 
@@ -79,8 +78,7 @@ class QueueFile:
         """The takes, for the block to change, which are written at its end. Raises StudioError: `take.*`."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self._lock("lock").open("a") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+            with exclusively(self._lock("lock")):
                 queue = self.read()
                 takes = list(queue.takes)
                 yield takes
@@ -162,7 +160,7 @@ class QueueFile:
 
     def stop(self) -> int:
         """Stop the program that works through the queue, and return its process ID; its take waits again."""
-        holder = holder_of(self._lock("run"))
+        holder = holder_of(self._lock("run"), anywhere=True)
         if holder is None:
             fix = "`v3studio queue run` starts it."
             raise StudioError("queue.not_run", "the queue is not running", file=self.path, fix=fix)

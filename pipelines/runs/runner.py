@@ -81,15 +81,18 @@ def run(
     cancellation = cancellation or Cancellation()
     report: Emit = emit
     verified = set[str]()
+    notices: list[Message] = []
     with (
         finishing(lambda: report, cancellation, "Run again to resume.", lambda: result_of(take, verified)) as clock,
         disk_errors(take.root),
-        take.locked(command),
+        take.locked(command, notices.append),
         cancelled_on_request(take, cancellation.cancel),
     ):
         names = _known(stages)
         write_text(take.log, "")
         report = EventLog(take.log, 2.0, emit)
+        for notice in notices:
+            report(Warned.of(notice))
         if keep is not None:
             free_name(take, keep)
         # the log has just been written: whatever a forced stage writes is not older, by the clock of the same disk

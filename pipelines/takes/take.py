@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import datetime
-import errno
-import fcntl
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +17,9 @@ from v3studio.pipelines.takes.files.json_files import Result, read_json, write_m
 from v3studio.pipelines.takes.files.leftovers import sweep_partial
 from v3studio.pipelines.takes.files.locks import held, holder_of
 from v3studio.pipelines.version import program_version
-from v3studio.studio.atomic_files import leftovers, remove
+from v3studio.studio.atomic_files import leftovers, lock, remove
 from v3studio.studio.bounded_files import need_utf8
-from v3studio.studio.errors import StudioError
+from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.storage import StoreAddress, is_address
 
@@ -202,11 +200,11 @@ class Take:
         return self.private / "work" / stage
 
     @contextmanager
-    def locked(self, command: str) -> Iterator[None]:
+    def locked(self, command: str, tell: Callable[[Message], None] | None = None) -> Iterator[None]:
         """Lock the take for this process; leftovers of killed runs are deleted first. `command` is recorded for the
-        error that a second run gets: StudioError `take.locked` with the fields pid and command."""
+        error that a second run gets: StudioError `take.locked` with the fields pid and command. `tell`: see `lock`."""
         self.private.mkdir(parents=True, exist_ok=True)
-        with held(self.private / "lock", self.in_use, command=command):
+        with held(self.private / "lock", self.in_use, tell, command=command):
             sweep_partial(self.root)
             yield
 
@@ -226,16 +224,11 @@ class Take:
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / f"{stage}_{group:03d}.lock").open("a") as file:
             while True:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                with suppress(BlockingIOError):
+                    lock(file, wait=False)
                     break
-                except BlockingIOError:
-                    waiting()
-                    time.sleep(0.2)
-                except OSError as error:
-                    if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
-                        raise
-                    break
+                waiting()
+                time.sleep(0.2)
             yield
 
     def running(self) -> JsonObject | None:

@@ -1,6 +1,5 @@
 """Where a machine keeps what it got from object stores, and how much of it."""
 
-import fcntl
 import math
 import os
 import threading
@@ -9,6 +8,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
+from v3studio.studio.atomic_files import lock
 from v3studio.studio.errors import StudioError
 
 DEFAULT_GIGABYTES = 100.0  # of the cache, unless V3STUDIO_CACHE_GIGABYTES says otherwise
@@ -91,7 +91,7 @@ def locked(path: Path, wait: bool = True) -> Iterator[bool]:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            lock(file, wait=wait)
         except BlockingIOError:
             yield False
             return

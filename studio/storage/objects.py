@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 
-from v3studio.studio.atomic_files import atomic_path
+from v3studio.studio.atomic_files import atomic_path, lock
 from v3studio.studio.errors import StudioError, show_as
 from v3studio.studio.storage.cache import disk_cache
 from v3studio.studio.storage.store import Store
@@ -120,7 +120,7 @@ class CachedObject:
         return os.pread(self._file, stop - first, self.size + first)
 
     def _fetch(self, first: int, last: int) -> None:
-        fcntl.flock(self._file, fcntl.LOCK_EX)  # another process may be fetching the same blocks: wait for it
+        locked = lock(self._file)  # another process may be fetching the same blocks: wait for it
         try:
             if first == self._next or (first < self._next <= last):
                 self._ahead = min(_MOST_AHEAD, self._ahead * 2)
@@ -134,7 +134,8 @@ class CachedObject:
                     self._fetch_blocks(blocks[0], blocks[-1] + 1)
             self._next = last + 1
         finally:
-            fcntl.flock(self._file, fcntl.LOCK_UN)
+            if locked:
+                fcntl.flock(self._file, fcntl.LOCK_UN)
 
     def _fetch_blocks(self, first: int, stop: int) -> None:
         if self._store is None:

@@ -14,6 +14,8 @@ from __future__ import annotations
 import atexit
 import contextlib
 import ctypes
+import errno
+import fcntl
 import functools
 import gc
 import io
@@ -27,8 +29,9 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import IO, Any
 
 _ROOT = Path(__file__).parents[2]
@@ -282,6 +285,17 @@ def forking(warm: WarmPython) -> type[subprocess.Popen[Any]]:
     return Popen
 
 
+def lose_locks(put: Callable[[object, str, object], None] = setattr) -> None:
+    """Answer every lock as file systems without locks do. For all tests: `V3STUDIO_WITHOUT_LOCKS=1 pytest`."""
+    from v3studio.studio import atomic_files
+
+    def flock(file: object, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    put(atomic_files, "fcntl", SimpleNamespace(**{**vars(fcntl), "flock": flock}))
+    put(atomic_files, "_told_of_locks", threading.Event())
+
+
 def _run(arguments: list[str]) -> None:
     """Run a program as Python would."""
     first, *rest = arguments
@@ -317,6 +331,8 @@ if __name__ == "__main__":
     from v3studio.studio.process import passive_openmp
 
     passive_openmp()
+    if "V3STUDIO_WITHOUT_LOCKS" in os.environ:
+        lose_locks()
     gc.disable()
     for _name in _LIBRARIES:
         import_module(_name)

@@ -1,45 +1,62 @@
 """Locks of files that processes share; the kernel releases them when a process ends for any reason."""
 
 import contextlib
-import fcntl
 import json
 import os
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
-from v3studio.studio.bounded_files import parse_json
-from v3studio.studio.errors import StudioError
+from v3studio.studio.atomic_files import lock
+from v3studio.studio.bounded_files import TextError, parse_json
+from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.json_types import JsonObject
+
+_WITHOUT_LOCKS = threading.RLock()
+"""What threads of this process lock instead, on a file system that has no locks."""
+
+
+@contextmanager
+def exclusively(path: Path) -> Iterator[None]:
+    """Lock a file for this thread, once no other has it."""
+    with path.open("a") as file, contextlib.nullcontext() if lock(file) else _WITHOUT_LOCKS:
+        yield
 
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Changes of a file in a take by all processes, one after the other; a killed process holds no lock."""
+    """Changes of a file in a take by all processes, one after the other."""
     if not path.parent.is_dir():  # a take that was removed stays so
         raise StudioError("take.not_found", "no such folder", file=path.parent, fix="Was the take moved or deleted?")
     private = path.parent / ".v3studio"
     with disk_errors(path.parent):
         private.mkdir(exist_ok=True)
-        with (private / f"{path.stem}.lock").open("a") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        with exclusively(private / f"{path.stem}.lock"):
             yield
 
 
 @contextmanager
-def held(path: Path, refused: Callable[[JsonObject], StudioError], **about: str) -> Iterator[None]:
-    """Lock a file for this process, whose `pid` and `host` are written to it with `about`; the kernel releases it when
-    the process ends for any reason. `refused`: what to raise if another one holds it, of what `holder_of` says."""
+def held(
+    path: Path,
+    refused: Callable[[JsonObject], StudioError],
+    tell: Callable[[Message], None] | None = None,
+    **about: str,
+) -> Iterator[None]:
+    """Lock a file for this process, whose `pid` and `host` are written to it with `about`. `refused` makes what is
+    raised if another process holds it, of what `holder_of` says. `tell`: as in `lock`."""
     with path.open("a") as file:
         for _ in range(5):  # who only asks whether it is locked holds it briefly
             with contextlib.suppress(BlockingIOError):
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                free = lock(file, wait=False, tell=tell) or holder_of(path) is None
                 break
             time.sleep(0.05)
         else:
+            free = False
+        if not free:
             raise refused(holder_of(path) or {})
         file.truncate(0)
         file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname(), **about}))
@@ -50,13 +67,31 @@ def held(path: Path, refused: Callable[[JsonObject], StudioError], **about: str)
             file.truncate(0)
 
 
-def holder_of(path: Path) -> JsonObject | None:
-    """`pid`, `host` and what else the process that holds a lock says; {}: it has not said it yet; None: none does."""
+def holder_of(path: Path, anywhere: bool = False) -> JsonObject | None:
+    """`pid`, `host` and what else the process that holds a lock says; {}: it has not said it yet; None: none does. On a
+    file system without locks, only a process of this machine counts; `anywhere`: also one of another, though it may
+    have been killed."""
     with contextlib.suppress(FileNotFoundError), path.open("r") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            if lock(file, shared=True, wait=False):
+                return None
+            holder = _said(file.read())
+            return holder if _runs(holder, anywhere) else None
         except BlockingIOError:
-            with contextlib.suppress(ValueError):
-                return dict(parse_json(file.read()))
-            return {}
+            return _said(file.read())
     return None
+
+
+def _said(text: str) -> JsonObject:
+    with contextlib.suppress(TextError):
+        values = parse_json(text)
+        if isinstance(values, dict):
+            return values
+    return {}
+
+
+def _runs(holder: JsonObject, anywhere: bool) -> bool:
+    import psutil
+
+    pid, here = holder.get("pid"), holder.get("host") == socket.gethostname()
+    return isinstance(pid, int) and (psutil.pid_exists(pid) if here else anywhere)

@@ -27,6 +27,7 @@ OTHERS = {
 """Messages of commands, of errors and of the window: no warnings of stages."""
 NO_SETTING = {
     "bake.live_failed",  # retried automatically
+    "files.no_locks",  # of a file system
     "calibration.low_coverage",  # film the board, or the set, in more of the image
     "calibration.poor_cameras",  # they moved, or are out of focus
     "cluster.busy",  # other programs have its nodes
