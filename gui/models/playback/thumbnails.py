@@ -34,7 +34,11 @@ class _Request:
 
 
 class Thumbnails:
-    """See the module. Trained frames are used where there are any: each is read on its own."""
+    """Small images of frames, drawn on a thread. Trained frames are used where there are any: each is read on its own.
+
+    Signals:
+        changed: another image is drawn.
+    """
 
     def __init__(self) -> None:
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(

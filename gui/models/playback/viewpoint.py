@@ -40,7 +40,11 @@ class Rest:
 
 
 class Viewpoint:
-    """See the module."""
+    """The open take or stream, which part of it is on screen, and from which camera.
+
+    Signals:
+        refused: something cannot be shown or done, for this reason, a sentence.
+    """
 
     def __init__(self) -> None:
         self.opened: Opened | None = None
@@ -56,12 +60,12 @@ class Viewpoint:
         self.home = self.orbit
         self.size = self._fitted_size = (960, 540)
         self.background = "dark"  # one of `BACKGROUNDS`
-        self.refused: Signal[[str]] = Signal()  # emitted with why something cannot be shown or done, as a sentence
+        self.refused: Signal[[str]] = Signal()
         self.scene_parts = SHOWN_AT_FIRST  # what the scene shows, of `gui.models.scene.contents.PARTS`
 
     @property
     def sources(self) -> dict[str, FrameSource]:
-        """Those of the open take or stream, and what they are compared with, by name."""
+        """The sources of the open take or stream, and what they are compared with, by name."""
         return {**self.opened.sources, **dict(zip(OTHERS, self.others, strict=False))} if self.opened else {}
 
     @property

@@ -22,7 +22,11 @@ Figures = Mapping[str, tuple[float, int | None]]  # seconds, and bytes of the st
 
 
 class Estimates(Commands):
-    """See the module. `stop` ends the measurement with the window."""
+    """The estimates of the presets. `stop` ends the measurement with the window.
+
+    Signals:
+        changed: there are other figures, or none.
+    """
 
     def __init__(self) -> None:
         super().__init__()

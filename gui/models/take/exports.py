@@ -96,7 +96,12 @@ class ExportRequest(NamedTarget):
 
 
 class Exports(Commands):
-    """Runs one export or share at a time."""
+    """Runs one export or share at a time.
+
+    Signals:
+        changed: there is more progress.
+        finished: the export has ended; `result` and `failed` say how.
+    """
 
     def __init__(self) -> None:
         super().__init__()

@@ -33,8 +33,11 @@ def v3studio_command() -> list[str]:
 
 class ChildProcess:
     """A child process in its own session, so that it can outlive the window. `errors`: file for its standard error.
-    `tied`: give it a pipe as standard input, which ends with the window, even if that is killed. `output` is emitted
-    when there are new lines, and when the process has ended."""
+    `tied`: give it a pipe as standard input, which ends with the window, even if that is killed.
+
+    Signals:
+        output: there are new lines, or the process has ended.
+    """
 
     def __init__(self, command: Sequence[str], errors: Path, folder: Path, tied: bool = False) -> None:
         self.errors = errors

@@ -9,8 +9,12 @@ from v3studio.pipelines.events import Serving as ServingEvent
 
 
 class Serving(Commands):
-    """One server at a time. `fingerprint`: SHA-256 of its certificate; "" over http. `started` is emitted when the
-    address is known, `failed` with the reason if the server ends before it is stopped."""
+    """One server at a time. `fingerprint`: SHA-256 of its certificate; "" over http.
+
+    Signals:
+        started: the address is known.
+        failed: the server has ended before it was stopped, for this reason.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -20,7 +24,7 @@ class Serving(Commands):
 
     @property
     def words(self) -> str:
-        """For the status line; "" if nothing is served."""
+        """What the status line says; "" if nothing is served."""
         return f"serving at {self.address}" if self.address else "serving: starting" if self.running else ""
 
     def start(self, source: str, https: bool) -> None:

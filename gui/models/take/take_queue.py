@@ -64,9 +64,12 @@ def look(queue: QueueFile) -> QueueView:
 
 
 class TakeQueue:
-    """See the module. Nothing here blocks. `message`: why the last change was refused, or why the program that ran the
-    queue failed; "" if neither. While it is `watched`, on screen, its file is read now and then; `changed` tells of
-    `state`."""
+    """The user's queue of takes. Nothing here blocks. `message`: why the last change was refused, or why the program
+    that ran the queue failed; "" if neither. While it is `watched`, on screen, its file is read now and then.
+
+    Signals:
+        changed: `state` has changed.
+    """
 
     def __init__(self, queue: QueueFile | None = None) -> None:
         self._queue = queue or QueueFile(default_queue())

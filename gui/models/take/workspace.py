@@ -40,15 +40,18 @@ frames. A run may keep far more, but a window is open for hours, and its user ha
 
 
 class Workspace:
-    """See the module. Nothing here blocks.
+    """The open take: its settings, the status of its stages, and its run. Nothing here blocks.
 
     Attributes:
         history: changes of the take's settings and marks, for undo.
         assessed: whether `assessment` is of this take, maybe before the last change.
         checked: whether it is of the take as it is now, as far as is known.
-        new_results: emitted when the take has new results.
-        run_ended: emitted with a sentence when a run of this window has ended well.
-        refused: emitted with a sentence when a run cannot be started, paused or cancelled.
+
+    Signals:
+        changed: anything that is shown of the take or its run has changed.
+        new_results: the take has new results.
+        run_ended: a run of this window has ended well, in a sentence.
+        refused: a run cannot be started, paused or cancelled, for this reason.
     """
 
     def __init__(self) -> None:

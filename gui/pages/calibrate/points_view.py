@@ -27,7 +27,13 @@ from v3studio.studio.storage import is_address
 
 
 class PointsView(StageView):
-    """See the module. Clicks act on the last image's layout; `magnifiers`: by camera, what is shown of it and where."""
+    """The images of a frame, in which tie points are marked. Clicks act on the last image's layout. `magnifiers`: by
+    camera, what is shown of it and where.
+
+    Signals:
+        described: the name and position of the selected point are to be typed.
+        run: Calibrate is to be run.
+    """
 
     modes = ("points by hand",)
 

@@ -33,13 +33,17 @@ _State = tuple[object, Polygons | None]  # the value of the setting, and the tak
 
 
 class GarbageDrawing:
-    """See the module. Polygons are kept in the take; a file that the setting named before is left as it is. `corners`
-    are those of the polygon that is being drawn, pixels of the footage."""
+    """Polygons that exclude parts of the images. They are kept in the take; a file that the setting named before stays
+    as it is. `corners`: of the polygon that is being drawn, pixels of the footage.
+
+    Signals:
+        outcome: a change was made, "", or is refused for this reason.
+    """
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self.corners: tuple[Point, ...] = ()
-        self.outcome: Signal[[str]] = Signal()  # emitted with why a change is refused, "" if it was made
+        self.outcome: Signal[[str]] = Signal()
         self._corners_of: object = None
 
     def polygons(self) -> Polygons:

@@ -40,11 +40,11 @@ class Editor:
     """The edits of the open take, the chosen tool, and what it has selected but not changed yet.
 
     Signals:
-        tool_chosen(): another tool was chosen, or the same one again.
-        range_wanted(group): splats are selected in these frames of a group; `remove_selected` is to be called with
-            those in which they are to be removed.
-        two_points(start, end): two points were picked, (3,) world; `set_scale` is to be called with their distance.
-        refusal(sentence): why a change is refused, or what to do.
+        tool_chosen: a tool was chosen, maybe the same one again.
+        range_wanted: splats are selected in these frames of a group; `remove_selected` is to be called with those in
+            which they are to be removed.
+        two_points: two points were picked, (3,) world; `set_scale` is to be called with their distance.
+        refusal: a change is refused, for this reason.
     """
 
     def __init__(self, workspace: Workspace, viewpoint: Viewpoint) -> None:

@@ -35,7 +35,11 @@ def _look(request: _Request) -> _Facts:
 
 
 class StartPage:
-    """See the module. Call `look` now and then while it is on screen; it does not block."""
+    """What the start page shows. Call `look` now and then while it is on screen; it does not block.
+
+    Signals:
+        changed: a card, an image or the queue has changed.
+    """
 
     def __init__(self, queue: TakeQueue, sample: bool) -> None:
         self.queue, self.sample = queue, sample  # sample: whether the sample capture is there
