@@ -101,7 +101,7 @@ def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: Stage
         "pictures": panels.viewport.pictures,
         "plots": [plot.title for plot in timeline.plots],
         "start": start.shown,
-        "cards": [[card.name, card.state, card.quality] for card in start.page.shown],
+        "cards": [[card.name, card.words, card.quality] for card in start.page.shown],
         "start_places": start.places if start.shown else {},
         "focus": start.page.focus if start.shown else "",
         "timeline_left": timeline.plots_view.left,  # column where frame 0 begins

@@ -9,7 +9,7 @@ from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.loop import later
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.gui.pages.capture.view import MASKS
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.viewport import Viewport
 from v3studio.gui.widgets.camera_menu import CameraMenu, Item
@@ -48,7 +48,7 @@ class CameraActions:
     def show_masks(self, camera: str) -> None:
         """Show the camera's footage with its masks."""
         self._alone(camera)
-        self._views.capture.mode = MASKS
+        self._views.capture.mode = ViewMode.MASKS
 
     def show_errors(self, camera: str) -> None:
         """Show the camera's reprojection errors."""

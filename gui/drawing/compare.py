@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import cv2
 import numpy as np
@@ -10,10 +11,28 @@ import numpy as np
 from v3studio.gui.drawing.canvas import Canvas, fitted, text_width
 from v3studio.gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
-MODES = ("single", "side by side", "wipe", "difference", "scene")
-ALONE = ("single", "scene")  # modes that compare nothing
 
-WHATS = ("footage", "trained", "decoded", "other")
+class Mode(StrEnum):
+    """How Review shows what is chosen."""
+
+    SINGLE = "single"
+    SIDE_BY_SIDE = "side by side"
+    WIPE = "wipe"
+    DIFFERENCE = "difference"
+    SCENE = "scene"
+
+
+ALONE = (Mode.SINGLE, Mode.SCENE)  # modes that compare nothing
+
+
+class What(StrEnum):
+    """What Review shows; the name of the frames' source, except for footage."""
+
+    FOOTAGE = "footage"
+    TRAINED = "trained"
+    DECODED = "decoded"
+    OTHER = "other"
+
 
 HEAT_TOP = 48  # difference in 8-bit levels at the top of the heat map's scale
 LABEL_SIZE = 14  # size of texts unless another is given, pixels

@@ -1,5 +1,7 @@
 """The window's colors: dark, calm, one accent. 8-bit sRGB."""
 
+from enum import StrEnum
+
 RGB = tuple[int, int, int]
 
 BLACK: RGB = (8, 9, 10)  # outline of text and marks over images
@@ -35,15 +37,27 @@ SERIES: tuple[RGB, ...] = (  # of curves in one plot, in order; they repeat
     (240, 144, 154),
 )
 
-STATE_COLORS: dict[str, RGB] = {
-    "done": GOOD,
-    "partial": FAIR,
-    "retried": FAIR,
-    "stale": FAIR,
-    "failed": BAD,
-    "missing": FAINT,
-    "running": ACCENT,
-    "waiting": ACCENT_DARK,
+
+class State(StrEnum):
+    """How far a stage, a take of the queue, or a recent take is."""
+
+    DONE = "done"
+    PARTIAL = "partial"
+    STALE = "stale"
+    FAILED = "failed"
+    MISSING = "missing"
+    RUNNING = "running"
+    WAITING = "waiting"
+
+
+STATE_COLORS: dict[State, RGB] = {
+    State.DONE: GOOD,
+    State.PARTIAL: FAIR,
+    State.STALE: FAIR,
+    State.FAILED: BAD,
+    State.MISSING: FAINT,
+    State.RUNNING: ACCENT,
+    State.WAITING: ACCENT_DARK,
 }
 
 AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))  # colors of the x, y and z axes

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 from v3studio.studio.capture.patterns import natural_key
@@ -10,18 +11,27 @@ from v3studio.studio.capture.patterns import natural_key
 MOST_ENTRIES = 1000  # longer lists are truncated; any path can be typed
 
 
+class Kind(StrEnum):
+    """What a path is, or what is wanted: `TAKE` is then the folder of a take or of a stream."""
+
+    FOLDER = "folder"
+    TAKE = "take"
+    STREAM = "stream"
+    FILE = "file"
+
+
 @dataclass(frozen=True)
 class Entry:
-    """A line of the list. `kind`: "folder", "take", "stream" or "file"."""
+    """A line of the list."""
 
     path: Path
-    kind: str
+    kind: Kind
 
     @property
     def label(self) -> str:
-        if self.kind == "file":
+        if self.kind == Kind.FILE:
             return self.path.name
-        return f"{self.path.name}/" + (f"   ({self.kind})" if self.kind != "folder" else "")
+        return f"{self.path.name}/" + (f"   ({self.kind})" if self.kind != Kind.FOLDER else "")
 
 
 class FolderList:
@@ -29,7 +39,7 @@ class FolderList:
 
     Args:
         start: folder to start in, or a path in it; if it does not exist, its nearest existing parent.
-        wanted: "folder" (any), "take" (the folder of a take or a stream) or "file".
+        wanted: one of `Kind`.
         endings: extensions of files that can be chosen; none: all, if files are wanted.
 
     `entries` are folders first, in natural order (cam2 before cam10). `message`: why the last action failed; "" if it
@@ -37,8 +47,7 @@ class FolderList:
     """
 
     def __init__(self, start: Path, wanted: str, endings: Sequence[str] = ()) -> None:
-        assert wanted in ("folder", "take", "file")
-        self.wanted, self.endings = wanted, tuple(endings)
+        self.wanted, self.endings = Kind(wanted), tuple(endings)
         self.entries: list[Entry] = []
         self.message = ""
         start = start.expanduser().absolute()
@@ -59,7 +68,7 @@ class FolderList:
         files = sorted((name for name, is_folder in names if not is_folder and self._fits(name)), key=_in_any_case)
         shown = folders[:MOST_ENTRIES]
         self.entries = [Entry(folder / name, kind_of(folder / name)) for name in shown]
-        self.entries += [Entry(folder / name, "file") for name in files[: MOST_ENTRIES - len(shown)]]
+        self.entries += [Entry(folder / name, Kind.FILE) for name in files[: MOST_ENTRIES - len(shown)]]
         if len(folders) + len(files) > MOST_ENTRIES:
             self.message = f"Only the first {MOST_ENTRIES} entries are listed. Type the path to choose another."
         return True
@@ -72,35 +81,35 @@ class FolderList:
         path = path.expanduser()
         path = path if path.is_absolute() else self.folder / path
         if not path.exists():
-            self.message = f"{path}: no such {'file' if self.wanted == 'file' else 'folder'}. Choose another."
+            self.message = f"{path}: no such {Kind.FILE if self.wanted == Kind.FILE else Kind.FOLDER}. Choose another."
             return None
         if not path.is_dir():
-            if self.wanted == "file" or self._fits(path.name) or path.name in ("take.json", "manifest.json"):
+            if self.wanted == Kind.FILE or self._fits(path.name) or path.name in ("take.json", "manifest.json"):
                 return path
             self.message = f"{path}: not a folder. Choose a folder."
             return None
         kind = kind_of(path)
-        if self.wanted == "folder" and not twice:
+        if self.wanted == Kind.FOLDER and not twice:
             return path
-        if self.wanted == "take" and kind != "folder":
+        if self.wanted == Kind.TAKE and kind != Kind.FOLDER:
             return path
         inside = path == self.folder
         if self.enter(path) and inside:
             self.message = {
-                "take": f"{path}: neither a take nor a stream. Choose one of its folders, or go up.",
-                "file": "Select a file, or type its name.",
+                Kind.TAKE: f"{path}: neither a take nor a stream. Choose one of its folders, or go up.",
+                Kind.FILE: "Select a file, or type its name.",
             }.get(self.wanted, "")
         return None
 
     def _fits(self, name: str) -> bool:
-        return (self.wanted == "file" and not self.endings) or name.lower().endswith(self.endings)
+        return (self.wanted == Kind.FILE and not self.endings) or name.lower().endswith(self.endings)
 
 
-def kind_of(folder: Path) -> str:
-    """ "take", "stream" or "folder"."""
+def kind_of(folder: Path) -> Kind:
+    """What a folder is."""
     if (folder / "take.json").is_file():
-        return "take"
-    return "stream" if (folder / "manifest.json").is_file() else "folder"
+        return Kind.TAKE
+    return Kind.STREAM if (folder / "manifest.json").is_file() else Kind.FOLDER
 
 
 def _in_any_case(name: str) -> list[tuple[int, int, str]]:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.stages import STAGES, Inputs, camera_file
 from v3studio.pipelines.events import Notice
 from v3studio.pipelines.runs.runner import status
@@ -43,11 +44,11 @@ def pipeline_name(key: str) -> str:
 
 @dataclass(frozen=True)
 class StageRow:
-    """A line of the stage list: done, partial, stale, failed, missing, running, or waiting (later in the current run);
-    the reason, as a sentence, or ""; and the name of the setting that fixes the problem, or ""."""
+    """A line of the stage list: the state, `WAITING` for what comes later in the current run; the reason, as a
+    sentence, or ""; and the name of the setting that fixes the problem, or ""."""
 
     key: str
-    state: str
+    state: State
     words: str
     detail: str = ""
     setting: str = ""

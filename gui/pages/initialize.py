@@ -11,6 +11,7 @@ from v3studio.gui.models.scene.contents import Cloud, SceneContents, cloud
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.scene.render import draw_contents
 from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import OrbitView, Size
 from v3studio.gui.widgets.raycast import RaycastMesh
 from v3studio.pipelines.takes.files.json_files import read_model
@@ -28,7 +29,7 @@ from v3studio.studio.similarity import Similarity
 class InitializeView(OrbitView):
     """See the module."""
 
-    modes = ("mesh", "points")
+    modes = (ViewMode.MESH, ViewMode.POINTS)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -58,7 +59,7 @@ class InitializeView(OrbitView):
         # of another take, or calibrated again: where up is has changed
         self.home = self._homes.get_or_make((take.rig, modified(take.rig)), lambda _: _home(take, points[0]))
         contents = SceneContents(points=[points])
-        if self.mode == "mesh":
+        if self.mode == ViewMode.MESH:
             contents = SceneContents(surfaces=[(mesh, Similarity())])
         canvas = draw_contents(contents, (self.orbit or self.home).camera(*size))
         path = folder / "report.json"

@@ -13,6 +13,7 @@ from v3studio.gui.models.stage_rows import TO_RUN, message_text
 from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import LatestWorker
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.studio.errors import StudioError
 
@@ -26,13 +27,13 @@ class StageView:
     """Base of stage views, which define what the image depends on (`state`) and draw it (`draw`, on a thread). It shows
     the figures of the last run of `stage`, a key of `TITLES`, for stages without a view of their own."""
 
-    modes: ClassVar[tuple[str, ...]] = ()  # images to choose from; the first is the default
+    modes: ClassVar[tuple[ViewMode, ...]] = ()  # images to choose from; the first is the default
     # whether it is drawn at the resolution of the viewport once it rests, though it orbits
     sharp: ClassVar[bool] = False
 
     def __init__(self, workspace: Workspace, stage: str = "") -> None:
         self.workspace, self._stage = workspace, stage
-        self.mode = self.modes[0] if self.modes else ""
+        self.mode = self.modes[0] if self.modes else ViewMode.AS_FILMED
         self.em = 16.0
         self.frame = 0
         # (camera, corners as (N, 2) pixels of the image) of what shows a camera, those in front last

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from v3studio.gui.drawing.compare import Mode, What
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.viewpoint import Rest
@@ -13,12 +14,12 @@ from v3studio.gui.pages.bake.view import BakeView
 from v3studio.gui.pages.calibrate.points_view import PointsView
 from v3studio.gui.pages.calibrate.view import CalibrateView
 from v3studio.gui.pages.capture.camera_color_pairs import CameraColorsView
-from v3studio.gui.pages.capture.view import GARBAGE, MASKS, CaptureView
-from v3studio.gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice
+from v3studio.gui.pages.capture.view import CaptureView
+from v3studio.gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice, ViewMode
 from v3studio.gui.pages.initialize import InitializeView
 from v3studio.gui.pages.newest_image import NewestImage
 from v3studio.gui.pages.review.editor import Editor
-from v3studio.gui.pages.review.tools import EDIT_CHOICES
+from v3studio.gui.pages.review.tools import EDIT_CHOICES, Tool
 from v3studio.gui.pages.review.view import EditView
 from v3studio.gui.pages.stage_view import StageView, shown_at
 from v3studio.gui.pages.train import TrainView
@@ -90,11 +91,11 @@ class StageViews:
 
     @property
     def shows_scene(self) -> bool:
-        return self.stage == "review" and not self.editing and self.player.mode == "scene"
+        return self.stage == "review" and not self.editing and self.player.mode == Mode.SCENE
 
     def leave(self) -> bool:
         """Leave the edits or the scene; returns whether one was on screen."""
-        return self.leave_edits() or (self.shows_scene and self.player.choose_mode("single"))
+        return self.leave_edits() or (self.shows_scene and self.player.choose_mode(Mode.SINGLE))
 
     def edit(self) -> None:
         player = self.player
@@ -104,7 +105,7 @@ class StageViews:
         player.transport.pause()
         self.stage = "review"
         self.editing, self._edits = True, self.editor.edits
-        self.editor.choose_tool("look")
+        self.editor.choose_tool(Tool.LOOK)
         self.show_again()
 
     def leave_edits(self) -> bool:
@@ -112,11 +113,11 @@ class StageViews:
         if not self.edits_take:
             return False
         if self.editor.pending is not None or self.editor.clicks:
-            self.editor.choose_tool("look")
+            self.editor.choose_tool(Tool.LOOK)
             return True
         self.editing = False
-        if self.editor.edits != self._edits and self.player.what == "decoded":
-            self.player.choose("trained")  # the stream was baked before these edits
+        if self.editor.edits != self._edits and self.player.what == What.DECODED:
+            self.player.choose(What.TRAINED)  # the stream was baked before these edits
         self.show_again()
         return True
 
@@ -147,27 +148,27 @@ class StageViews:
         if (self.stage, key) in DIALOGS:
             self.dialog_wanted.emit(key)
         elif self.stage != "review":
-            off = key == MASKS == self.capture.mode
-            self.stage_views[self.stage].mode = "" if off else key
-            if self.stage == "capture" and key != GARBAGE:
+            off = key == ViewMode.MASKS == self.capture.mode
+            self.stage_views[self.stage].mode = ViewMode.AS_FILMED if off else ViewMode(key)
+            if self.stage == "capture" and key != ViewMode.GARBAGE:
                 self.capture.garbage.leave()
             self.show_again()
         elif self.shows_scene and key in PARTS:
             player.scene_parts ^= {key}
         elif key == "edit":
             self.edit()
-        elif key == "other" and player.why_not(key):
+        elif key == What.OTHER and player.why_not(key):
             self.dialog_wanted.emit("bakes")
-        elif key in ("footage", "trained", "decoded", "other"):
-            if key == "footage" and player.mode != "single":
-                player.choose_mode("single")
+        elif key in tuple(What):
+            if key == What.FOOTAGE and player.mode != Mode.SINGLE:
+                player.choose_mode(Mode.SINGLE)
             player.choose(key)
         else:
-            player.choose_mode("single" if player.mode == key else key)
+            player.choose_mode(Mode.SINGLE if player.mode == key else key)
 
     def _choose_edit(self, key: str) -> None:
         if key == "done":
-            self.editor.choose_tool("look")
+            self.editor.choose_tool(Tool.LOOK)
             self.leave_edits()
         elif key in ("numbers", "list"):
             self.edit_dialog.emit(key)
@@ -224,7 +225,7 @@ class StageViews:
     def fit_transport(self) -> bool:
         """Set the transport's range to the frames of the selected stage; returns whether it changed."""
         found, player = self.workspace.assessment, self.player
-        trained = player.opened.sources.get("trained") if player.opened is not None else None
+        trained = player.opened.sources.get(What.TRAINED) if player.opened is not None else None
         if self.edits_take and trained is not None:  # all, so that frames that are trimmed off can be brought back
             return player.span(trained.frame_count, trained.group_starts, trained.fps)
         if self._over_footage:

@@ -14,6 +14,7 @@ from v3studio.gui.drawing.plots import curve, legend
 from v3studio.gui.models.scene.compose import draw
 from v3studio.gui.models.stages import performer_over
 from v3studio.gui.models.take.run_state import Curve
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView, sentence
 from v3studio.pipelines.runs.staleness import MISSING
 from v3studio.pipelines.takes.frames.frame_files import read_frame
@@ -32,7 +33,7 @@ NOT_RUN = "no values yet"
 class TrainView(StageView):
     """See the module."""
 
-    modes = ("progress", "camera colors")  # the last is `CameraColorsView`'s
+    modes = (ViewMode.PROGRESS, ViewMode.CAMERA_COLORS)  # the last is `CameraColorsView`'s
 
     def state(self) -> Hashable:
         """The run's metrics and previews, and the trained frames."""

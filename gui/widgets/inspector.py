@@ -156,7 +156,7 @@ class InspectorPanel:
                 self._back = 0
             self._lines_of = lines_of
             lines = grouped(run.lines)
-            warnings = [line for line in lines if line.kind]
+            warnings = [line for line in lines if line.level]
             self._warnings = len(warnings)
             lines = warnings if self.only_warnings else lines
             self._rows = log_rows(lines, size[0], self._em, workspace.config)

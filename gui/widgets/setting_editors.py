@@ -7,7 +7,7 @@ from functools import partial
 from open3d.visualization import gui
 
 from v3studio.gui.models.take.setting_words import FILES, FOLDERS
-from v3studio.gui.models.take.settings import SettingField
+from v3studio.gui.models.take.settings import FieldKind, SettingField
 from v3studio.gui.widgets.picture import make_button
 
 SetValue = Callable[[SettingField, str], None]
@@ -33,11 +33,11 @@ class Editor:
 
 def make_editor(setting: SettingField, set_value: SetValue, pick: Callable[[SettingField], None]) -> Editor:
     """The widgets of a setting. `pick`: called when its path is to be chosen in a dialog."""
-    if setting.kind == "switch":
+    if setting.kind == FieldKind.SWITCH:
         switch = gui.Checkbox("")
         switch.set_on_checked(lambda on: set_value(setting, "true" if on else "false"))
         return Editor(switch, lambda text: setattr(switch, "checked", text == "true"))
-    if setting.kind == "choice":
+    if setting.kind == FieldKind.CHOICE:
         box, items = gui.Combobox(), list(setting.choices)
         for choice in items:
             box.add_item(choice)

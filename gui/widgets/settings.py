@@ -9,7 +9,7 @@ from open3d.visualization import gui
 from v3studio.gui.drawing.palette import ACCENT, DIM, FAIR, PANEL
 from v3studio.gui.models.take.estimates import Estimates
 from v3studio.gui.models.take.setting_words import FILES, FOLDERS, TEMPLATES
-from v3studio.gui.models.take.settings import SettingField, fields_of, matching
+from v3studio.gui.models.take.settings import FieldKind, SettingField, fields_of, matching
 from v3studio.gui.widgets.picture import NOTHING, color, holds, lowered, make_label, text_room
 from v3studio.gui.widgets.setting_editors import Editor, make_editor, small_button
 from v3studio.pipelines.config import Config
@@ -244,6 +244,6 @@ def _below(field: SettingField, em: float) -> bool:
     """Whether a field is below its label, as one of them needs more room."""
     if text_room(field.label, em) > MOST_LABEL * em:
         return True
-    if field.kind == "choice":
+    if field.kind == FieldKind.CHOICE:
         return max(text_room(choice, em) for choice in field.choices) > WIDEST_BESIDE * em
     return field.name in FOLDERS | FILES | TEMPLATES or bool(field.kind_of_list)

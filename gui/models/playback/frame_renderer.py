@@ -10,7 +10,7 @@ import numpy as np
 
 from v3studio.gui.drawing import compare
 from v3studio.gui.drawing.canvas import Canvas
-from v3studio.gui.drawing.compare import Box
+from v3studio.gui.drawing.compare import Box, Mode, What
 from v3studio.gui.drawing.palette import BAD, BLACK
 from v3studio.gui.models.playback.image_zoom import ImageZoom
 from v3studio.gui.models.playback.other_source import OtherSource, shown_beside
@@ -38,8 +38,8 @@ class RenderRequest(SceneRequest):
     """What to render."""
 
     sources: dict[str, FrameSource]
-    mode: str  # one of `compare.MODES`
-    what: str  # "footage", "trained", "decoded" or "other"; a comparison compares it with `reference`
+    mode: Mode
+    what: str  # one of `What`; a comparison compares it with `reference`
     reference: str
     orbit: OrbitCamera
     home: OrbitCamera  # the initial free view: side by side, it is reduced so that the narrow images contain `points`
@@ -60,7 +60,7 @@ class RenderRequest(SceneRequest):
         """Names of the images, from left to right."""
         if self.mode in compare.ALONE:
             return (self.what,)
-        if self.mode == "side by side":
+        if self.mode == Mode.SIDE_BY_SIDE:
             return shown_beside(list(self.sources), self.camera)
         return (self.reference, self.what)
 
@@ -116,22 +116,22 @@ class FrameRenderer:
     def __call__(self, request: RenderRequest) -> Picture:
         """Render the image. Raises StudioError: a missing or damaged frame or image."""
         capture = capture_camera(request)
-        if request.mode == "scene":
+        if request.mode == Mode.SCENE:
             return self._scene(request, capture)
         names = request.names
-        apart = request.mode == "side by side"
+        apart = request.mode == Mode.SIDE_BY_SIDE
         where = compare.boxes(request.size, len(names) if apart else 1, request.shape)
         parts = [self._part(request, name, where[0], capture) for name in names]
         images = [part.image for part in parts]
         shown = [request.shown(name) for name in names]
-        if request.mode == "single":
+        if request.mode == Mode.SINGLE:
             image = images[0]
         elif apart:
             corner = (0, 0)
             if capture is not None:
                 corner = request.image_zoom.inside(capture, where[0].width, where[0].height)[:2]
             image = compare.side_by_side(request.size, where, images, shown, request.text, corner)
-        elif request.mode == "wipe":
+        elif request.mode == Mode.WIPE:
             pair, box = (shown[0], shown[1]), where[0]
             image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)
         else:
@@ -152,14 +152,14 @@ class FrameRenderer:
         return Picture(image, request, len(gaussians), time.perf_counter() - start, box, cameras, ends)
 
     def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
-        source = request.context if name == "footage" else _source(request, name)
+        source = request.context if name == What.FOOTAGE else _source(request, name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
         key = (name, source, request.frame, request.number, seen_by, request.background, box.width, box.height)
         # `forget` replaces the cache, on another thread
         return self._kept.get_or_make(key, lambda _: self._drawn(request, name, box, capture))
 
     def _drawn(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
-        if name == "footage":
+        if name == What.FOOTAGE:
             return _Part(footage_image(request, box.width, box.height), 0, 0.0)
         source = _source(request, name)
         gaussians = source.gaussians(request.frame)
@@ -179,7 +179,7 @@ class FrameRenderer:
 
     def _reduced(self, request: RenderRequest, box: Box) -> float:
         """Only the initial view decides, so that zooming in still enlarges."""
-        if request.mode != "side by side":
+        if request.mode != Mode.SIDE_BY_SIDE:
             return 1.0
         return request.home.widened(request.points, box.width, box.height)
 

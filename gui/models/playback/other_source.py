@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.playback.sources import FrameSource, open_path
 from v3studio.gui.models.playback.stream_source import StreamSource
@@ -10,10 +11,8 @@ from v3studio.pipelines.takes.results.evaluation import measured_earlier_bake
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 
-OTHER = "other"  # name of this source among those of the open take or stream
-
-OTHERS = (OTHER, "other 2", "other 3")
-"""The same of those compared with before, the last one first: side by side shows them too."""
+OTHERS = (What.OTHER, "other 2", "other 3")
+"""Names of what the open take or stream is compared with, the last one first: side by side shows all of them."""
 
 MOST_BESIDE = 4  # images side by side
 
@@ -21,10 +20,10 @@ MOST_BESIDE = 4  # images side by side
 def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
     """What side by side shows, of the sources that there are. `camera`: the capture camera; "" for the free view."""
     others = tuple(name for name in OTHERS if name in names)
-    own = tuple(name for name in ("trained", "decoded") if name in names)
+    own = tuple(name for name in (What.TRAINED, What.DECODED) if name in names)
     if others and (not camera or len(others) > 1):
         own = own[-1:]
-    shown = (*(("footage",) if camera else ()), *own, *others)
+    shown = (*((What.FOOTAGE,) if camera else ()), *own, *others)
     return shown[-MOST_BESIDE:]
 
 
@@ -32,7 +31,7 @@ class OtherSource:
     """Frames of another source, by time: each frame of the open take or stream shows the other's frame of the same
     second, and after the other's end its last one."""
 
-    name = OTHER
+    name: str = What.OTHER
 
     def __init__(self, source: FrameSource, label: str, evaluation: Evaluation) -> None:
         self._source, self.label, self._evaluation = source, label, evaluation

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from v3studio.gui.drawing.compare import ALONE, MODES, WHATS
+from v3studio.gui.drawing.compare import ALONE, Mode, What
 from v3studio.gui.models.playback.frame_renderer import DrawFn, FrameRenderer, Picture, RenderRequest
 from v3studio.gui.models.playback.image_zoom import ImageZoom
-from v3studio.gui.models.playback.other_source import OTHER, OTHERS, OtherSource
+from v3studio.gui.models.playback.other_source import OTHERS, OtherSource
 from v3studio.gui.models.playback.sources import Opened, first_whole, open_path, reach_of, take_contents, thinned
 from v3studio.gui.models.playback.stream_audio import StreamAudio
 from v3studio.gui.models.playback.stream_source import StreamSource
@@ -50,7 +50,7 @@ class PlayerPresenter(Viewpoint):
         self._renderer = FrameRenderer(draw_function, SceneReader(read_mesh))
         self._worker: LatestWorker[RenderRequest, Picture] = LatestWorker(self._renderer, "v3studio viewport")
         self._asked: RenderRequest | None = None
-        self._wanted = "decoded"  # what was chosen, also while there is no such source, as during a bake
+        self._wanted: str = What.DECODED  # what was chosen, also while there is no such source, as during a bake
         self._shown: deque[float] = deque(maxlen=240)  # when the last images came
         self.contents: tuple[object, ...] = ()  # changes when frames of the open take are trained or baked
         self.filmed_groups: Sequence[int] = ()  # first frame of each group of the footage; empty if unknown
@@ -85,8 +85,8 @@ class PlayerPresenter(Viewpoint):
         self.opened, self.others, self.context = opened, [], None
         self._load_sound()
         self.contents = take_contents(opened.take) if opened.take else ()
-        self.mode, self.camera = "scene" if opened.cast is not None else "single", ""
-        self.what = self._wanted = opened.default.name if opened.default is not None else "decoded"
+        self.mode, self.camera = Mode.SCENE if opened.cast is not None else Mode.SINGLE, ""
+        self.what = self._wanted = opened.default.name if opened.default is not None else What.DECODED
         self.transport = Transport(1, FALLBACK_FPS, now=self._now)
         self.transport.numbers = opened.numbers
         self.span_source()
@@ -115,16 +115,16 @@ class PlayerPresenter(Viewpoint):
         self._span_others()
         self._renderer.forget()
         self._asked = None
-        if self.what not in (*self.sources, "footage"):
+        if self.what not in (*self.sources, What.FOOTAGE):
             self.what = self._wanted = opened.default.name
         if other is None and self.mode not in ALONE and len(self.sources) < 2 and not self.camera:
-            self.mode = "single"
+            self.mode = Mode.SINGLE
         for one in before:
             if one not in kept:
                 one.close()
         self.span_source()
         if other is not None and self.mode in ALONE:
-            self.choose_mode("wipe")
+            self.choose_mode(Mode.WIPE)
 
     def refresh(self) -> bool:
         """Load frames trained and streams baked since opening; True if there were any."""
@@ -148,7 +148,7 @@ class PlayerPresenter(Viewpoint):
         self._load_sound()
         self._renderer.forget()
         self._asked = None
-        there = (*self.sources, *(["footage"] if self.camera else []))
+        there = (*self.sources, *([What.FOOTAGE] if self.camera else []))
         if self._wanted in there:
             self.what = self._wanted
         elif self.what not in there and opened.default is not None:
@@ -179,7 +179,7 @@ class PlayerPresenter(Viewpoint):
         """Begin to load the sound of the stream that was opened."""
         volume = self.audio.volume if self.audio is not None else 1.0
         self.audio = None
-        decoded = self.opened.sources.get("decoded") if self.opened is not None else None
+        decoded = self.opened.sources.get(What.DECODED) if self.opened is not None else None
         if isinstance(decoded, StreamSource | CastFrames) and decoded.has_sound:
             self.audio = StreamAudio(decoded, self._output())
             self.audio.volume = volume
@@ -204,13 +204,13 @@ class PlayerPresenter(Viewpoint):
         return source is not None and self.span(source.frame_count, source.group_starts, source.fps)
 
     def choose(self, what: str) -> bool:
-        """Show one of `WHATS` at the same frame; False, and `refused`, if it is unavailable."""
-        assert what in WHATS
+        """Show one of `What` at the same frame; False, and `refused`, if it is unavailable."""
+        what = What(what)
         why = self.why_not(what)
         if why:
             self.refused.emit(why)
             return False
-        if what == "footage" and not self.camera:
+        if what == What.FOOTAGE and not self.camera:
             self.look_through(self.camera_names[0])
         self.what = self._wanted = what
         self.span_source()
@@ -219,35 +219,35 @@ class PlayerPresenter(Viewpoint):
     def exchange(self) -> bool:
         """Show the stream, or if it is on screen what comparisons are against (A and B)."""
         default = self.opened.default if self.opened is not None else None
-        self.choose_mode("single")
+        self.choose_mode(Mode.SINGLE)
         return self.choose(default.name if default is not None and self.what != default.name else self.reference)
 
     def choose_mode(self, mode: str) -> bool:
-        """Set the comparison mode; False, and `refused`, if there is nothing to compare."""
-        assert mode in MODES
-        if mode == "single":
+        """Choose one of `Mode`; False, and `refused`, if there is nothing to compare."""
+        mode = Mode(mode)
+        if mode == Mode.SINGLE:
             self.mode = mode
             self._fit_zoom()
             return True
         if self.opened is None or not self.opened.sources:
             self.refused.emit(NOTHING_TO_SHOW)
             return False
-        if mode != "scene" and len(self.sources) < 2 and not self.camera:
-            why = self.why_not("footage")
+        if mode != Mode.SCENE and len(self.sources) < 2 and not self.camera:
+            why = self.why_not(What.FOOTAGE)
             if why:
                 self.refused.emit(f"Nothing to compare with. {why}")
                 return False
             self.look_through(self.camera_names[0])
-        if self.what == "footage" and self.opened.default is not None:
+        if self.what == What.FOOTAGE and self.opened.default is not None:
             self.what = self._wanted = self.opened.default.name
         self.mode = mode
-        self._zoom_follows |= mode != "scene" and self.camera != "" and self.image_zoom == ImageZoom()
+        self._zoom_follows |= mode != Mode.SCENE and self.camera != "" and self.image_zoom == ImageZoom()
         self._fit_zoom()
         return True
 
     def grabs(self, x: float, _y: float) -> bool:
         """Whether a pixel of the image is on the wipe's line, within 14 pixels."""
-        if self.mode != "wipe" or self.picture is None or self.picture.request.mode != "wipe":
+        if self.picture is None or not self.mode == self.picture.request.mode == Mode.WIPE:
             return False
         return abs(x - (self.picture.box.x + self.wipe * self.picture.box.width)) < 14
 
@@ -293,7 +293,7 @@ class PlayerPresenter(Viewpoint):
             group=opened.group(frame, self.filmed_groups), place=self.places.get(frame),
             mode=self.mode, what=self.what, reference=self.reference, camera=self.camera, parts=self.scene_parts,
             orbit=self.orbit, home=self.home, image_zoom=self.image_zoom, up=opened.up, points=self.points,
-            size=self.size, shape=self.shape if self.mode == "side by side" else 1.0, wipe=self.wipe,
+            size=self.size, shape=self.shape if self.mode == Mode.SIDE_BY_SIDE else 1.0, wipe=self.wipe,
             background=BACKGROUNDS[self.background], still=self.still, em=self.em,
         )  # fmt: skip
 
@@ -311,7 +311,7 @@ class PlayerPresenter(Viewpoint):
             self.background, self.scene_parts, self.frame,
         )  # fmt: skip
         rests = self._rest.rests(view, self.transport.playing)
-        self.still = rests and self.mode == "scene"
+        self.still = rests and self.mode == Mode.SCENE
         if not rests:
             self._sharp = None
         elif self._sharp is None and self.picture is not None and self.current and self.settled:
@@ -393,7 +393,7 @@ class PlayerPresenter(Viewpoint):
         if self.picture is None or self.source is None:
             return ""
         other = self.other
-        parts = [other.label] if self.what == OTHER and self.mode == "single" and other is not None else []
+        parts = [other.label] if self.what == What.OTHER and self.mode == Mode.SINGLE and other is not None else []
         if not self.current:
             parts.append("not shown" if self.settled else "rendering")
         count = len(self.left_out)

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.models.playback.stream_source import CACHE_BYTES, StreamSource
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.share.cast import is_cast
@@ -75,7 +76,7 @@ class Opened:
     def group(self, frame: int, starts: Sequence[int] = ()) -> int:
         """The number of a frame's group in the take's folders, from the first frame of each group of the footage, else
         of the trained groups. Those of its stream may differ: a trim drops some, `first_group_size` divides one."""
-        trained = self.sources.get("trained")
+        trained = self.sources.get(What.TRAINED)
         known = starts or (trained.group_starts if trained is not None else ())
         return max(bisect_right(known, frame) - 1, 0)
 
@@ -84,7 +85,7 @@ class TrainedSource:
     """A take's trained frames, without the splats that its edits remove from complete groups. StudioError:
     `take.not_trained`, a group's file is damaged, or the edits cannot be read (`take.edits_*`)."""
 
-    name = "trained"
+    name: str = What.TRAINED
 
     def __init__(self, take: Take, fps: float) -> None:
         self.fps = fps
@@ -126,7 +127,7 @@ class TrainedSource:
 
 def reach_of(opened: Opened) -> np.ndarray:
     """`Opened.reach`, from the trained frames. Reads files."""
-    trained = opened.sources.get("trained")
+    trained = opened.sources.get(What.TRAINED)
     return trained.reach() if isinstance(trained, TrainedSource) else np.zeros((0, 3))
 
 

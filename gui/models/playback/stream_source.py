@@ -6,6 +6,7 @@ The window's transport, which also runs over footage and trained frames, is the 
 from collections.abc import Sequence
 from pathlib import Path
 
+from v3studio.gui.drawing.compare import What
 from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.studio.coverage import ViewRange
 from v3studio.studio.formats.rigid_motion import placed
@@ -24,7 +25,7 @@ class StreamSource:
     may have trimmed and moved it: then `first` may be above 0, and `frame_count` has the frames before it, too.
     """
 
-    name = "decoded"
+    name: str = What.DECODED
     fades = False  # whether views from where nothing was filmed are faded, as in other players
 
     def __init__(self, place: Path | str, in_take: bool = False) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.models.camera_path import reframed
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.sources import FrameSource, open_path
@@ -72,7 +73,7 @@ class Thumbnails:
         if self._source_of != (request.place, request.contents):
             self._close_source()
             opened = open_path(request.place)
-            source = opened.sources.get("trained") or opened.default
+            source = opened.sources.get(What.TRAINED) or opened.default
             for other in opened.sources.values():
                 if other is not source:
                     other.close()

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from v3studio.gui.drawing.canvas import Canvas, text_width
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GROUND, LINE, PANEL, RAISED, RGB, SECOND, TEXT
 from v3studio.gui.models.playback.timeline import WHOLE, Timeline, TimelineZoom
 from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
@@ -74,7 +75,7 @@ class Waveform(Plot):
 Values = Sequence[float | None]
 Series = Mapping[str, Values]
 
-_KINDS = {"trained": SECOND, "decoded": ACCENT}
+_KINDS: dict[str, RGB] = {What.TRAINED: SECOND, What.DECODED: ACCENT}
 _QUALITY = {f"{one.name}_{kind}": (one, kind) for one in METRICS if one.plotted for kind in _KINDS}
 PLOTTED = (*_QUALITY, "bytes", FLICKER.name)  # what is shown of every frame
 

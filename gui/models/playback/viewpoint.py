@@ -5,11 +5,11 @@ from collections.abc import Callable, Hashable
 
 import numpy as np
 
-from v3studio.gui.drawing.compare import ALONE, boxes
+from v3studio.gui.drawing.compare import ALONE, Mode, What, boxes
 from v3studio.gui.models.held_out import held_out_cameras, held_out_first
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.image_zoom import ImageZoom
-from v3studio.gui.models.playback.other_source import OTHER, OTHERS, OtherSource, shown_beside
+from v3studio.gui.models.playback.other_source import OTHERS, OtherSource, shown_beside
 from v3studio.gui.models.playback.sources import FrameSource, Opened
 from v3studio.gui.models.scene.contents import SHOWN_AT_FIRST
 from v3studio.gui.models.scene.orbit import OrbitCamera
@@ -50,8 +50,8 @@ class Viewpoint:
         self.opened: Opened | None = None
         self.others: list[OtherSource] = []  # other bakes or takes that comparisons are against, the last one first
         self.context: Inputs | None = None  # the take with its footage; None for a bare stream
-        self.what = "decoded"  # "footage", "trained", "decoded" or "other"
-        self.mode = "single"  # one of `compare.MODES`
+        self.what: str = What.DECODED  # one of `What`, or the name of the only source
+        self.mode = Mode.SINGLE
         self.camera = ""  # the capture camera; "" for the free view
         self.image_zoom = ImageZoom()
         self._zoom_follows = False
@@ -89,25 +89,25 @@ class Viewpoint:
         """Why a source cannot be shown; "" if it can."""
         if self.opened is None:
             return NOTHING_OPEN
-        if what == "footage":
+        if what == What.FOOTAGE:
             if self.context is None:
                 return "A stream has no footage; open its take instead."
             return "" if self.camera_names else "Footage needs cameras. Run Calibrate."
         if what in self.sources:
             return ""
-        if what == OTHER:
+        if what == What.OTHER:
             return "No other bake or take to compare with is open. Choose one with Bake > Bakes."
-        return f"Nothing {what} yet. Run {'Train' if what == 'trained' else 'Bake'}."
+        return f"Nothing {what} yet. Run {'Train' if what == What.TRAINED else 'Bake'}."
 
     @property
     def reference(self) -> str:
         """What a comparison compares with: another open bake or take, footage in a camera's view, the other source."""
         default = self.opened.default if self.opened is not None else None
         if self.others:
-            return OTHER if self.what != OTHER or default is None else default.name
-        if self.camera and not self.why_not("footage"):
-            return "footage"
-        return "trained" if self.what == "decoded" else "decoded"
+            return What.OTHER if self.what != What.OTHER or default is None else default.name
+        if self.camera and not self.why_not(What.FOOTAGE):
+            return What.FOOTAGE
+        return What.TRAINED if self.what == What.DECODED else What.DECODED
 
     @property
     def held_out(self) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ class Viewpoint:
     @property
     def _box_size(self) -> tuple[int, int]:
         """Size of one image: the whole viewport, or a part of a side-by-side view."""
-        if self.mode != "side by side":
+        if self.mode != Mode.SIDE_BY_SIDE:
             return self.size
         box = boxes(self.size, len(shown_beside(list(self.sources), self.camera)), self.shape)[0]
         return box.width, box.height
@@ -164,12 +164,12 @@ class Viewpoint:
         through = self.capture_camera
         if through is not None:
             self.orbit = OrbitCamera.looking_through(through, self.home.target, self.home.up)
-        if not camera and self.what == "footage" and self.opened is not None and self.opened.default is not None:
+        if not camera and self.what == What.FOOTAGE and self.opened is not None and self.opened.default is not None:
             self.what = self.opened.default.name
         self._zoom_follows = camera != "" and self.mode not in ALONE
         self._fit_zoom()
         if not camera and self.mode not in ALONE and len(self.sources) < 2:
-            self.mode = "single"
+            self.mode = Mode.SINGLE
 
     def next_camera(self, direction: int = 1) -> None:
         """Switch to the next or previous capture camera."""

@@ -7,7 +7,8 @@ from statistics import fmean
 import numpy as np
 
 from v3studio.gui.drawing.canvas import Canvas, line_height, wrapped
-from v3studio.gui.drawing.palette import DIM, LINE, PANEL, TEXT
+from v3studio.gui.drawing.compare import What
+from v3studio.gui.drawing.palette import DIM, LINE, PANEL, TEXT, State
 from v3studio.gui.models.evaluation import DECODED, Evaluation
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.player import PlayerPresenter
@@ -50,7 +51,7 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     figures, whose = evaluation.figures(frame, camera)
     rows = []
     for metric in EVALUATED:
-        for what in ("trained", "decoded"):
+        for what in (What.TRAINED, What.DECODED):
             value = figures.get(f"{metric.name}_{what}")
             if value is not None:
                 rows.append((f"{metric.title} {what}", metric.text(value)))
@@ -133,7 +134,7 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
     if stage != "review" and workspace.context is not None:
         status = workspace.assessment.stages.get(stage)
         running = "paused" if workspace.paused else "running"
-        states = {"missing": "not run", "partial": "not finished", "running": running}
+        states = {State.MISSING: "not run", State.PARTIAL: "not finished", State.RUNNING: running}
         rows = [("state", states.get(row.state, row.state))]
         if status is not None and status.seconds is not None:
             rows.append(("time", duration(status.seconds)))

@@ -12,15 +12,15 @@ from v3studio.gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, FAIR, GOOD, PANEL, RGB, TEXT
 from v3studio.gui.models.take.inspector import heading
 from v3studio.gui.models.take.remedies import Fix, fix_of
-from v3studio.gui.models.take.run_state import LogLine
+from v3studio.gui.models.take.run_state import Level, LogLine
 from v3studio.pipelines.config import Config
 
-LEVELS: dict[str, tuple[str, RGB, RGB]] = {
-    "": ("", DIM, TEXT),
-    "warning": ("Warning: ", FAIR, FAIR),
-    "error": ("Error: ", BAD, BAD),
+LEVELS: dict[Level, tuple[str, RGB, RGB]] = {
+    Level.PLAIN: ("", DIM, TEXT),
+    Level.WARNING: ("Warning: ", FAIR, FAIR),
+    Level.ERROR: ("Error: ", BAD, BAD),
 }
-"""How lines of a level begin, and the colors of their dots and of their text, by kind."""
+"""How lines of a level begin, and the colors of their dots and of their text."""
 
 WIDE, HANG = 30.0, 1.0
 """Width of the log from which on all rows of a line are aligned, and else the indent of those that continue it, em."""
@@ -35,7 +35,7 @@ class LogRow:
     """A row of the image: time of day, "" in the rows that continue a line, and where it is not known; whether a line
     begins here; what the button does, if it has one."""
 
-    kind: str
+    level: Level
     text: str
     clock: str = ""
     first: bool = False
@@ -61,7 +61,7 @@ def _about(line: LogLine) -> tuple[object, ...]:
     """What a warning about a camera has in common with the same about another one; () for other lines. Only a name in
     quotes is taken out: bare, that of camera 12 would also be the figure in "by 12%"."""
     notice = line.notice
-    if line.kind != "warning" or notice is None or not notice.code or not notice.fields.get("camera"):
+    if line.level != Level.WARNING or notice is None or not notice.code or not notice.fields.get("camera"):
         return ()
     rest = {name: value for name, value in notice.fields.items() if name != "camera"}
     return (notice.code, line.text.replace(f"'{notice.fields['camera']}'", "''"), repr(rest))
@@ -88,14 +88,14 @@ def log_rows(lines: Iterable[LogLine], width: int, em: float, config: Config | N
     spare = width - _hang(width, em) - 0.6 * em
     for line in lines:
         clock = _clock(line.told)
-        words = LEVELS[line.kind][0] + line.text
+        words = LEVELS[line.level][0] + line.text
         parts = wrapped(words, _size(em), room)
         rest = words[len(parts[0]) :].removeprefix("\n").lstrip(" ")
         parts = [parts[0], *(wrapped(rest, _size(em), spare) if rest else [])]
-        found += [LogRow(line.kind, part, clock * (not number), not number) for number, part in enumerate(parts)]
+        found += [LogRow(line.level, part, clock * (not number), not number) for number, part in enumerate(parts)]
         fix = fix_of(line.notice, config)
         if fix is not None:
-            found.append(LogRow("fix", fix.words, fix=fix))
+            found.append(LogRow(Level.PLAIN, fix.words, fix=fix))
     return found
 
 
@@ -154,7 +154,7 @@ class LogView:
             if row.fix is not None:
                 self._button(canvas, y, row.text, row.fix)
                 continue
-            _, dot, color = LEVELS[row.kind]
+            _, dot, color = LEVELS[row.level]
             canvas.text(0.6 * em, y, row.clock, size, DIM)
             if row.first:
                 canvas.dot(left - 0.65 * em, y + 0.62 * size, 0.18 * em, dot)

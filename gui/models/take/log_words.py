@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.models.stage_rows import stage_name
 from v3studio.pipelines.events import Metrics
 from v3studio.pipelines.reports.terminal import duration
@@ -25,7 +26,7 @@ def metrics_words(event: Metrics) -> str:
     words = [form(value) for name, form in _FIGURES.items() if isinstance(value := figures.get(name), int | float)]
     words += _mask_words(figures.get("disagreement"))
     for metric in EVALUATED:
-        for kind in ("trained", "decoded"):
+        for kind in (What.TRAINED, What.DECODED):
             value = figures.get(f"{metric.name}_{kind}")
             if isinstance(value, int | float):
                 words.append(f"{metric.title} {metric.text(value)} {kind}")

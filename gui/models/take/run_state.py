@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 from v3studio.gui.models.stage_rows import message_text, stage_name
 from v3studio.gui.models.take.log_words import metrics_words
@@ -27,7 +28,25 @@ from v3studio.pipelines.reports.terminal import duration
 from v3studio.pipelines.takes.results.summaries import summary_words
 
 LOG_LINES = 2000
+_ENDED = {"": "Run ended", "done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}  # by outcome
 CURVE_POINTS = 4000
+
+
+class Outcome(StrEnum):
+    """How a run has ended."""
+
+    OPEN = ""  # it has not ended
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class Level(StrEnum):
+    """How serious a line of the log is."""
+
+    PLAIN = ""
+    WARNING = "warning"
+    ERROR = "error"
 
 
 @dataclass
@@ -48,7 +67,7 @@ class Curve:
 class LogLine:
     """A line of the log. `told`: seconds since 1970; 0 if unknown. `notice`: the warning or error that it tells."""
 
-    kind: str
+    level: Level
     text: str
     told: float = 0.0
     notice: Notice | None = None
@@ -65,7 +84,7 @@ class RunState:
     failed: dict[str, str] = field(default_factory=dict)  # error message by stage
     # the setting that fixes the error, by stage, where there is one
     failed_setting: dict[str, str] = field(default_factory=dict)
-    outcome: str = ""  # "" during the run, then "done", "failed" or "cancelled"
+    outcome: Outcome = Outcome.OPEN
     # the log, newest last, with that of earlier runs
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     # loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel
@@ -116,7 +135,7 @@ class RunState:
         elif isinstance(event, Log):
             self._say(event.message)
         elif isinstance(event, Warned):
-            self._say(message_text(event), "warning", event)
+            self._say(message_text(event), Level.WARNING, event)
         elif isinstance(event, StageFinished):
             self.finished.append(event.stage)
             self.stage, self.progress = "", None
@@ -126,17 +145,16 @@ class RunState:
         elif isinstance(event, StageFailed):
             self.failed[event.stage] = message_text(event)
             self.failed_setting[event.stage] = str(event.fields.get("setting", ""))
-            self._say(f"{stage_name(event.stage)}: {message_text(event)}", "error", event)
+            self._say(f"{stage_name(event.stage)}: {message_text(event)}", Level.ERROR, event)
             for line in event.traceback.splitlines():
-                self._say(line, "error")
+                self._say(line, Level.ERROR)
         elif isinstance(event, Finished):
-            self.outcome, self.stage, self.progress = event.outcome, "", None
+            self.outcome, self.stage, self.progress = Outcome(event.outcome), "", None
             self.results += 1
             repeated = message_text(event) in self.failed.values()
-            words = {"done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}
-            text = f"{words.get(event.outcome, event.outcome)} after {duration(event.seconds)}"
+            text = f"{_ENDED[self.outcome]} after {duration(event.seconds)}"
             text += "" if repeated or not event.message else f": {message_text(event)}"
-            self._say(text, "error" if event.outcome == "failed" else "")
+            self._say(text, Level.ERROR if self.outcome == Outcome.FAILED else Level.PLAIN)
 
     def crashed(self, message: str, tail: str = "") -> None:
         """Note that the process ended without an outcome."""
@@ -144,20 +162,20 @@ class RunState:
         self._now = 0.0
         if self.stage:
             self.failed[self.stage] = message
-        self.outcome, self.stage, self.progress = "failed", "", None
+        self.outcome, self.stage, self.progress = Outcome.FAILED, "", None
         for line in tail.splitlines()[-40:]:
-            self._say(line, "error")
-        self._say(message, "error")
+            self._say(line, Level.ERROR)
+        self._say(message, Level.ERROR)
 
     def note(self, text: str, failed: bool = False) -> None:
         """Add a line to the log that comes from no event."""
         self.changes += 1
         self._now = time.time()
-        self._say(text, "error" if failed else "")
+        self._say(text, Level.ERROR if failed else Level.PLAIN)
 
-    def _say(self, text: str, kind: str = "", notice: Notice | None = None) -> None:
+    def _say(self, text: str, level: Level = Level.PLAIN, notice: Notice | None = None) -> None:
         self.begun = True
-        self.lines.append(LogLine(kind, text, self._now, notice))
+        self.lines.append(LogLine(level, text, self._now, notice))
 
     def _train_figures(self, event: Progress) -> None:
         if event.fraction < self._trained:  # training has started over

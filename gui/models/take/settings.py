@@ -4,6 +4,7 @@ import math
 import types
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal, Union, cast, get_args, get_origin
@@ -31,6 +32,23 @@ SWITCH_WORDS = {"true": "on", "false": "off"}  # of a switch that can also be wi
 WIDEST_STEPS = 100  # whole numbers between more distant limits have no buttons that step them
 
 
+class FieldKind(StrEnum):
+    """How a setting is edited. A switch that can be null is a choice."""
+
+    SWITCH = "switch"
+    CHOICE = "choice"
+    TEXT = "text"
+
+
+class ListKind(StrEnum):
+    """What a setting lists; it is shown without brackets."""
+
+    NONE = ""  # it is no list
+    LIST = "list"
+    NAMES = "names"
+    MAPPING = "mapping"
+
+
 @dataclass(frozen=True)
 class SettingField:
     """A setting."""
@@ -38,13 +56,13 @@ class SettingField:
     name: str  # dotted, as in train.max_splats
     heading: str
     label: str  # displayed name; for a nested setting it begins with the section
-    kind: str  # "switch", "choice" or "text"; a switch that can be null is a choice
+    kind: FieldKind
     choices: tuple[str, ...]  # values of a choice, `empty` first if it can be null
     text: bool  # whether the value is plain text (else it is parsed as YAML)
     nullable: bool  # whether it can be null; `empty`, an empty field and "null" all mean null
     documentation: str
     empty: str = ""  # word for null, an empty list or an empty mapping; "" if it is never empty
-    kind_of_list: str = ""  # "list", "names" (of text) or "mapping" for those, shown without brackets; "" for others
+    kind_of_list: ListKind = ListKind.NONE
     # lowest and highest value of a number that can be stepped; None for others
     limits: tuple[float, float] | None = None
     whole: bool = False
@@ -61,10 +79,10 @@ class SettingField:
             return self.empty
         if isinstance(value, str):
             return _words(value) if _words(value) in self.choices else value
-        if self.kind_of_list == "names" and not any(set(name) & set(",[]") for name in value):
+        if self.kind_of_list == ListKind.NAMES and not any(set(name) & set(",[]") for name in value):
             return ", ".join(value)
         text = inline_yaml(value)
-        if self.kind == "choice":
+        if self.kind == FieldKind.CHOICE:
             return SWITCH_WORDS.get(text, text) if self.nullable else text
         items = value.values() if isinstance(value, dict) else value
         flat = self.kind_of_list and not any(isinstance(one, (list, dict)) for one in items)
@@ -76,17 +94,17 @@ class SettingField:
         nothing = text in NULLS or (self.empty != "" and text.casefold() == self.empty.casefold())
         if self.nullable and nothing:
             return None
-        if self.kind == "choice" and text in self.choices:
+        if self.kind == FieldKind.CHOICE and text in self.choices:
             text = text.replace(" ", "_")
         if self.text:
             return text
-        if self.kind_of_list == "names" and not text.startswith("["):
+        if self.kind_of_list == ListKind.NAMES and not text.startswith("["):
             return [name.strip() for name in text.split(",") if name.strip() and not nothing]
-        if self.kind == "choice":
+        if self.kind == FieldKind.CHOICE:
             text = next((value for value, word in SWITCH_WORDS.items() if word == text), text)
-        if self.kind_of_list == "list":
+        if self.kind_of_list == ListKind.LIST:
             text = "[]" if nothing else text if text.startswith("[") else f"[{text}]"
-        elif self.kind_of_list == "mapping":
+        elif self.kind_of_list == ListKind.MAPPING:
             text = "{}" if nothing else text if text.startswith("{") else f"{{{text}}}"
         return parse_override(f"{self.name}={text}")[1]
 
@@ -169,7 +187,7 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
         nullable = len(kinds) < len(parts)
         if kinds == [bool] and nullable:
             choices = tuple(SWITCH_WORDS.values())
-        kind = "choice" if choices else "switch" if kinds == [bool] else "text"
+        kind = FieldKind.CHOICE if choices else FieldKind.SWITCH if kinds == [bool] else FieldKind.TEXT
         # text settings keep words such as "off" and "1" as they are
         text = kinds != [bool] and all(
             part is str or getattr(part, "__name__", "") == "Path" or _all_text(part) for part in kinds
@@ -188,18 +206,18 @@ def _fields(model: type[Settings], prefix: str, heading: str = "", within: str =
             nullable=nullable,
             documentation=f"{words} [{allowed}]" if allowed else words,
             empty=empty,
-            kind_of_list=_kind_of_list(kinds[0]) if len(kinds) == 1 else "",
+            kind_of_list=_kind_of_list(kinds[0]) if len(kinds) == 1 else ListKind.NONE,
             limits=_limits(field, whole) if len(kinds) == 1 and kinds[0] in (int, float) and not nullable else None,
             whole=whole,
         )
 
 
-def _kind_of_list(kind: Any) -> str:
+def _kind_of_list(kind: Any) -> ListKind:
     if get_origin(kind) is dict:
-        return "mapping"
+        return ListKind.MAPPING
     if get_origin(kind) not in (tuple, list):
-        return ""
-    return "names" if get_args(kind)[0] in (str, CameraName) else "list"
+        return ListKind.NONE
+    return ListKind.NAMES if get_args(kind)[0] in (str, CameraName) else ListKind.LIST
 
 
 def _words(choice: str) -> str:

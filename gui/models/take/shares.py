@@ -1,23 +1,34 @@
 """Shares as chosen in a dialog, and what they take."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import ClassVar
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.take.page_words import why_not_done
 from v3studio.pipelines.runs.staleness import StageStatus
 from v3studio.pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
 from v3studio.studio.counts import counted, size_words
 
-FORMS: dict[str, tuple[str, str]] = {  # forms of a share: label, and what its name ends in
-    "folder": ("Folder for a web server", "-share"),
-    "single-file": ("Single HTML file", ".html"),
+
+class Form(StrEnum):
+    """How a stream is shared."""
+
+    FOLDER = "folder"
+    SINGLE_FILE = "single-file"
+    SERVE = "serve"
+
+
+FORMS: dict[str, tuple[str, str]] = {  # label of what is written, and what its name ends in
+    Form.FOLDER: ("Folder for a web server", "-share"),
+    Form.SINGLE_FILE: ("Single HTML file", ".html"),
 }
 
-PHONES = {  # what viewers need
-    "folder": "Upload the folder to any web server, under any path.\n"
+PHONES: dict[str, str] = {  # what viewers need
+    Form.FOLDER: "Upload the folder to any web server, under any path.\n"
     "Phones decode fastest, and check what they receive, from https:// addresses.",
-    "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
+    Form.SINGLE_FILE: "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
     "that were sent to them: share a folder for phones, or serve it.",
 }
 
@@ -96,15 +107,15 @@ class ShareRequest(NamedTarget):
 
 
 def share_words(size: ShareSize, form: str) -> str:
-    """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
+    """What a share takes, as a sentence; `form`: of `Form`."""
     parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {size_words(size.stream_bytes)}"
-    if form == "single-file":
+    if form == Form.SINGLE_FILE:
         if not size.single_file_possible:
             most = size_words(MAX_SINGLE_FILE_BYTES)
             return f"{parts}. A single file holds {most} at most; share a folder instead."
         return f"{parts}, the file about {size_words(size.single_file_bytes)}."
     player = f"{parts}, player {size_words(size.player_bytes)}"
-    return f"{player}." if form == "serve" else f"{player}, and a poster."
+    return f"{player}." if form == Form.SERVE else f"{player}, and a poster."
 
 
 def stale_words(bake: StageStatus | None, checked: bool, unreadable: bool) -> str:
@@ -113,7 +124,7 @@ def stale_words(bake: StageStatus | None, checked: bool, unreadable: bool) -> st
         return "Whether the stream is up to date is not known: the take's settings or its status cannot be read."
     if not checked:
         return "Checking whether the stream is up to date ..."
-    if bake is None or bake.state == "done":
+    if bake is None or bake.state == State.DONE:
         return ""
     why = "" if bake.needs else f": {why_not_done(bake)}".rstrip(" :.")  # Bake runs what it needs
     return f"The stream is out of date{why}.\nTo share the take as it is set now, cancel and run Bake first."

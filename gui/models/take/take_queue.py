@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.pipelines.batch.queue_file import QueueFile, default_queue
@@ -26,7 +27,7 @@ class QueueRow:
 
     number: int
     take: Path
-    state: str
+    state: State
     words: str
     stage: str = ""
     fraction: float | None = None
@@ -56,8 +57,8 @@ def look(queue: QueueFile) -> QueueView:
     is_run = queue.is_run()
     rows = []
     for entry in found.takes:
-        state, words, stage, fraction = entry.state, entry.message, "", None
-        if state == "running":
+        state, words, stage, fraction = State(entry.state), entry.message, "", None
+        if state == State.RUNNING:
             words, stage, fraction = progress(Take(entry.take)) if is_run else ("interrupted", "", None)
         rows.append(QueueRow(entry.number, entry.take, state, words, stage, fraction))
     return QueueView(tuple(rows), is_run)
@@ -130,9 +131,9 @@ class TakeQueue:
             return self.view.error
         if not self.view.rows:
             return "The queue is empty."
-        count = {name: sum(row.state == name for row in self.view.rows) for name in ("waiting", "done", "failed")}
-        what = "Running" if self.running else "Not running"
-        return f"{what}: {count['waiting']} waiting, {count['done']} done, {count['failed']} failed."
+        states = [row.state for row in self.view.rows]
+        counts = ", ".join(f"{states.count(state)} {state}" for state in (State.WAITING, State.DONE, State.FAILED))
+        return f"{'Running' if self.running else 'Not running'}: {counts}."
 
     def add(self, folder: Path) -> None:
         with self._changing():
@@ -142,7 +143,7 @@ class TakeQueue:
 
     def move(self, number: int, by: int) -> None:
         """Move a take up (-1) or down (1) among those that wait."""
-        waiting = [row.number for row in self.view.rows if row.state == "waiting"]
+        waiting = [row.number for row in self.view.rows if row.state == State.WAITING]
         place = waiting.index(number) + 1 + by if number in waiting else 1
         with self._changing():
             self._queue.move(number, place)

@@ -10,13 +10,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.history import Change, History
 from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.jobs import Job, is_paused, pause_process, stop_process
 from v3studio.gui.models.take.page_words import setting_words, why_not_done
-from v3studio.gui.models.take.run_state import RunState
+from v3studio.gui.models.take.run_state import Outcome, RunState
 from v3studio.gui.models.take.settings import setting_value
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.pipelines.config import Config, load_config
@@ -144,7 +145,7 @@ class Workspace:
         ended = ""
         for event in job.take_events():
             self.run.apply(event)
-            if isinstance(event, Finished) and event.outcome == "done":
+            if isinstance(event, Finished) and event.outcome == Outcome.DONE:
                 took = f"The run has finished after {duration(event.seconds)}."
                 ended = took if self.run.planned else "There was nothing to run: everything is up to date."
         if job.status is not None:
@@ -238,7 +239,7 @@ class Workspace:
 
     def row(self, key: str) -> StageRow:
         if self.take is None:
-            return StageRow(key, "missing", "")
+            return StageRow(key, State.MISSING, "")
         if key == "capture":
             return self._capture_row()
         name = pipeline_name(key)
@@ -247,33 +248,33 @@ class Workspace:
             if self.run.stage == name:
                 words = "stopping" if self.cancelling else "paused" if self.paused else self.run.stage_words()
                 fraction = self.run.progress.fraction if self.run.progress else 0.0
-                return StageRow(key, "running", words, fraction=fraction)
+                return StageRow(key, State.RUNNING, words, fraction=fraction)
             if name in self.run.finished:  # the assessment may be older
-                return StageRow(key, "done", "done")
+                return StageRow(key, State.DONE, "done")
             if name in self.run.planned and name not in self.run.failed:
-                return StageRow(key, "waiting", "waiting")
-        is_done = self.assessed and status is not None and status.state == "done"
+                return StageRow(key, State.WAITING, "waiting")
+        is_done = self.assessed and status is not None and status.state == State.DONE
         if name in self.run.failed and not self.busy and not is_done:
             why, setting = self.run.failed[name], self.run.failed_setting.get(name, "")
-            return StageRow(key, "failed", "failed", why, setting)
+            return StageRow(key, State.FAILED, "failed", why, setting)
         if status is None:
-            return StageRow(key, "missing", "" if self.assessed or self.context is None else "checking")
-        words = "not run" if status.state == "missing" else status.state
-        if status.state == "partial":
+            return StageRow(key, State.MISSING, "" if self.assessed or self.context is None else "checking")
+        words = "not run" if status.state == State.MISSING else status.state
+        if status.state == State.PARTIAL:
             words = f"{status.units_done} of {status.units} {status.unit}"
         # that it has not run, and that earlier stages have not either, is in the list already
-        return StageRow(key, status.state, words, "" if status.state == "missing" else why_not_done(status))
+        return StageRow(key, State(status.state), words, "" if status.state == State.MISSING else why_not_done(status))
 
     def _capture_row(self) -> StageRow:
         if self.context is None:
-            return StageRow("capture", "failed", "no settings", self._unread)
+            return StageRow("capture", State.FAILED, "no settings", self._unread)
         if self.assessment.footage_error is not None:
             error = self.assessment.footage_error
             setting = str(error.fields.get("setting", ""))
-            return StageRow("capture", "failed", "cannot be opened", str(error), setting)
+            return StageRow("capture", State.FAILED, "cannot be opened", str(error), setting)
         if not self.assessed:
-            return StageRow("capture", "missing", "checking")
-        return StageRow("capture", "done", self.assessment.footage)
+            return StageRow("capture", State.MISSING, "checking")
+        return StageRow("capture", State.DONE, self.assessment.footage)
 
     # Running
 

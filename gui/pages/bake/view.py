@@ -10,6 +10,7 @@ from v3studio.gui.drawing.palette import ACCENT, DIM, GROUND, PANEL, TEXT
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.bake.qp_chart import draw_trial
 from v3studio.gui.pages.bake.qp_trial import QpTrial
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.report_table import cells_text
 from v3studio.gui.pages.stage_view import Size, StageView
 from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
@@ -60,7 +61,7 @@ COLUMNS = ("KB per frame", "share", "QP")  # of the table in mode "bytes"
 class BakeView(StageView):
     """See the module. `points`: where the chart of the trial shows each QP and level, pixels."""
 
-    modes = ("bytes", "try other QPs")
+    modes = (ViewMode.BYTES, ViewMode.OTHER_QPS)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -83,7 +84,7 @@ class BakeView(StageView):
         take, config = self.workspace.take, self.workspace.config
         if take is None:
             raise StudioError("gui.no_take", "no take is open", fix="Open a take.")
-        if self.mode == "try other QPs":
+        if self.mode == ViewMode.OTHER_QPS:
             if config is None:
                 raise StudioError("take.no_settings", "the settings of this take cannot be read", file=take.config)
             self.trial.start(self.workspace, self.numbers)
@@ -142,7 +143,7 @@ class BakeView(StageView):
 
     def click(self, x: float, y: float) -> None:
         """In "try other QPs", a click on a point of the curve or on a level makes it the setting."""
-        if self.mode != "try other QPs" or not self.points:
+        if self.mode != ViewMode.OTHER_QPS or not self.points:
             return
         quality, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))
         if math.hypot(left - x, top - y) > 1.5 * self.em:

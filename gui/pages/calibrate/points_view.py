@@ -15,6 +15,7 @@ from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.calibrate.marks import TieMarks, advice, expected
 from v3studio.gui.pages.calibrate.points_drawing import MOST_PICTURES, Action, PointsImage, Spots
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView
 from v3studio.pipelines.takes.results.stage_files import read_cameras_report
 from v3studio.pipelines.takes.take import Take
@@ -35,7 +36,7 @@ class PointsView(StageView):
         run: Calibrate is to be run.
     """
 
-    modes = ("points by hand",)
+    modes = (ViewMode.BY_HAND,)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)

@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from v3studio.gui.models.scene.render import draw_contents, frusta_places
 from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.pages.calibrate.rig_coverage import RigCoverage
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.report_table import CAMERA, Sorting, cells_text
 from v3studio.gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
 from v3studio.pipelines.takes.results.point_files import read_sparse_points, read_surface
@@ -30,10 +32,16 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.memory_cache import MemoryCache
 from v3studio.studio.own_frame import in_own_frame
 
-AGREES: tuple[str, RGB] = ("agrees with the others", GOOD)
-DISAGREES: tuple[str, RGB] = ("disagrees with the others", BAD)
-FEW: tuple[str, RGB] = ("too few matches to decide", FAIR)
-UNKNOWN: tuple[str, RGB] = ("not checked yet: Initialize does that", SECOND)
+
+class Verdict(Enum):
+    """Whether a camera is right: in words, and as a color."""
+
+    AGREES = ("agrees with the others", GOOD)
+    DISAGREES = ("disagrees with the others", BAD)
+    FEW = ("too few matches to decide", FAIR)
+    UNKNOWN = ("not checked yet: Initialize does that", SECOND)
+
+
 GRADES: dict[str, RGB] = {"good": GOOD, "usable": FAIR, "wrong": BAD}
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
@@ -47,7 +55,7 @@ PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True)
 class CalibrateView(OrbitView):
     """See the module."""
 
-    modes = ("cameras", "coverage", "report", "points by hand")  # the last is `PointsView`'s
+    modes = (ViewMode.CAMERAS, ViewMode.COVERAGE, ViewMode.REPORT, ViewMode.BY_HAND)  # the last is `PointsView`'s
     sharp = True
     _rig: Rig  # as read last
 
@@ -68,7 +76,7 @@ class CalibrateView(OrbitView):
     @property
     def orbits(self) -> bool:
         """See `StageView`: the report is a table."""
-        return self.mode != "report"
+        return self.mode != ViewMode.REPORT
 
     @property
     def blocks(self) -> Sequence[Block]:
@@ -87,7 +95,7 @@ class CalibrateView(OrbitView):
         if stamp != self._read_of:
             self.orbit = None  # other cameras need another view
         view = self.orbit.key if self.orbit is not None else None
-        frame = self.frame if self.mode == "cameras" else 0
+        frame = self.frame if self.mode == ViewMode.CAMERAS else 0
         return (stamp, self._covered_by(), self.mode, self.camera, view, frame, self.em, self._sorting, self._first_row)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
@@ -99,7 +107,7 @@ class CalibrateView(OrbitView):
             raise StudioError("take.no_cameras", "no cameras yet", stage="calibrate")
         self._read(take)
         self._cover(take)
-        return self._table(size) if self.mode == "report" else self._scene(size)
+        return self._table(size) if self.mode == ViewMode.REPORT else self._scene(size)
 
     def _read(self, take: Take) -> None:
         stamp = _stamp(take)
@@ -151,27 +159,28 @@ class CalibrateView(OrbitView):
         report = self._checked.report
         return report.cameras.get(name) if isinstance(report, CalibrationReport) else None
 
-    def _state(self, name: str) -> tuple[str, RGB]:
+    def _verdict(self, name: str) -> Verdict:
         """Whether a camera is right."""
         verdict = self._checked.verdict
         if verdict is None:
-            return UNKNOWN
+            return Verdict.UNKNOWN
         if name in verdict.doubtful:
-            return DISAGREES
-        found = verdict.cameras.get(name)
+            return Verdict.DISAGREES
+        checked = verdict.cameras.get(name)
         if verdict.grade == "wrong" and "cameras" in verdict.blamed:
-            return DISAGREES
-        return AGREES if found is not None and (found.fits, found.mask_error) != (None, None) else FEW
+            return Verdict.DISAGREES
+        decided = checked is not None and (checked.fits, checked.mask_error) != (None, None)
+        return Verdict.AGREES if decided else Verdict.FEW
 
     def _scene(self, size: Size) -> np.ndarray:
         assert self.home is not None
         view = (self.orbit or self.home).camera(*size)
-        covered = self._coverage if self.mode == "coverage" else None
+        covered = self._coverage if self.mode == ViewMode.COVERAGE else None
         context = self.workspace.context
         held_out = held_out_cameras(context)
         cameras = []
         for camera in self._rig:
-            color = self._state(camera.name)[1] if covered is None else SECOND
+            color = self._verdict(camera.name).value[1] if covered is None else SECOND
             if camera.name in held_out:
                 color = HELD_OUT
             if camera.name == self.camera:
@@ -201,8 +210,8 @@ class CalibrateView(OrbitView):
         if covered is not None:
             entries = [*covered.legend, TRAINING]
         else:
-            states = {self._state(camera.name) for camera in self._rig}
-            entries = [state for state in (AGREES, DISAGREES, FEW, UNKNOWN) if state in states]
+            verdicts = {self._verdict(camera.name) for camera in self._rig}
+            entries = [verdict.value for verdict in Verdict if verdict in verdicts]
         entries.append(NOT_TRAINED_ON if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
         for number, (words, color) in enumerate(entries):
             y = self.em * 0.7 + number * line_height(small)
@@ -256,7 +265,7 @@ class CalibrateView(OrbitView):
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
-            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._state(camera.name)[1])
+            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._verdict(camera.name).value[1])
             label = f"{camera.name}, held out" if camera.name in held_out else camera.name
             canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[COLUMNS[0]] * wide - 5 * em)
             for title, words in columns.items():
@@ -282,17 +291,17 @@ class CalibrateView(OrbitView):
 
     def click(self, x: float, y: float) -> None:
         """Sort the report by the title at a pixel."""
-        title = shown_at(self._titles, x, y) if self.mode == "report" else ""
+        title = shown_at(self._titles, x, y) if self.mode == ViewMode.REPORT else ""
         if title:
             self._sorting = self._sorting.clicked(title)
 
     @property
     def table_text(self) -> str:
-        return self._text if self.mode == "report" else ""
+        return self._text if self.mode == ViewMode.REPORT else ""
 
     @property
     def status(self) -> str:
-        return "Click a title to sort. Ctrl+C copies the table." if self.mode == "report" and self._text else ""
+        return "Click a title to sort. Ctrl+C copies the table." if self.mode == ViewMode.REPORT and self._text else ""
 
     def _columns(self) -> dict[str, list[str]]:
         """The columns of the report by title, without empty ones."""
@@ -319,7 +328,7 @@ class CalibrateView(OrbitView):
 
     def wheel(self, x: float, y: float, notches: float) -> None:
         """Zoom; in the report, show other rows."""
-        if self.mode != "report":
+        if self.mode != ViewMode.REPORT:
             super().wheel(x, y, notches)
         else:
             self._first_row = min(max(self._first_row - round(3 * notches), 0), self._last_first_row)

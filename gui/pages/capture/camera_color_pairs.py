@@ -12,6 +12,7 @@ from v3studio.gui.drawing.compare import boxes
 from v3studio.gui.drawing.palette import BAD, DIM, GROUND, RAISED, TEXT
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.results.stage_files import CameraColors
@@ -38,7 +39,7 @@ _Pictures = dict[str, tuple[np.ndarray, np.ndarray] | str]  # by camera, (H, W, 
 class CameraColorsView(StageView):
     """Draws the pairs; images are read bit by bit, as the state changes with each camera whose images were read."""
 
-    modes = ("camera colors",)
+    modes = (ViewMode.CAMERA_COLORS,)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)

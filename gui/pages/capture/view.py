@@ -17,6 +17,7 @@ from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
@@ -26,10 +27,6 @@ from v3studio.studio.footage import Footage, check_footage, open_footage
 from v3studio.studio.footage.checks import ColorDrift
 from v3studio.studio.masks.agreement.source import AgreedMaskSource
 from v3studio.studio.memory_cache import image_cache
-
-MASKS = "masks"  # the mode that darkens the background; without any mode, images are shown as filmed
-GARBAGE = "garbage masks"  # the mode in which they are drawn
-EVIDENCE = "evidence"  # the mode that shows what each camera alone takes for the performer
 
 DRAWING = "click corners, the first again to close; right click takes back or deletes; Escape: all cameras"
 
@@ -46,7 +43,7 @@ class CaptureView(StageView):
     """Thumbnails of all cameras, or one of them (`camera`; `image_at`: it, and where its image is), with masks or
     without; and with garbage masks, which are drawn on one camera. `footage_check` decodes all of the footage."""
 
-    modes = (MASKS, EVIDENCE, GARBAGE)
+    modes = (ViewMode.MASKS, ViewMode.EVIDENCE, ViewMode.GARBAGE)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -117,10 +114,10 @@ class CaptureView(StageView):
         footage = opened.footage
         alone = self.camera in footage.camera_names
         names = [self.camera] if alone else held_out_first(footage.camera_names, footage.held_out_cameras)
-        draws = alone and self.mode == GARBAGE
+        draws = alone and self.mode == ViewMode.GARBAGE
         places: list[tuple[str, np.ndarray]] = []
         image_at = self.image_at = None
-        drawn = self.garbage.polygons() if self.mode == GARBAGE else {}
+        drawn = self.garbage.polygons() if self.mode == ViewMode.GARBAGE else {}
         wide, high = footage.raw_size(names[0])
         below = self._small + 8  # of the names
         cells = boxes((canvas.width, round(height)), len(names), wide / high, below)
@@ -132,7 +129,7 @@ class CaptureView(StageView):
             try:
                 picture = self._thumbnail(opened, name, frame, WIDEST if alone else WIDE)
                 left, top, wide, high = canvas.fit_image(x, y, width, room, picture)
-                if self.mode == GARBAGE:
+                if self.mode == ViewMode.GARBAGE:
                     at = Magnifier(footage.raw_size(name), (left, top, wide, high))
                     draw_garbage(canvas, at, drawn.get(name), self.garbage.corners if alone else ())
                     image_at = (name, at) if alone else None
@@ -144,7 +141,7 @@ class CaptureView(StageView):
                 lines = shortened(str(error), self._small, width - 12, most, "...")
                 canvas.lines(x + 6, y + 6, lines, self._small, BAD)
             label = f"{name}, held out" if held_out else name
-            if self.mode == EVIDENCE:
+            if self.mode == ViewMode.EVIDENCE:
                 label += opened.own_share(name, frame)
             label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
             canvas.text(x + width / 2, y + room + 2, label, self._small, TEXT, align="middle", width=width)
@@ -152,13 +149,13 @@ class CaptureView(StageView):
 
     def _thumbnail(self, opened: _Reduced, name: str, frame: int, widest: int) -> np.ndarray:
         small = opened.image(name, frame, widest)
-        if self.mode == "":
+        if self.mode == ViewMode.AS_FILMED:
             return small
-        if self.mode == EVIDENCE:
+        if self.mode == ViewMode.EVIDENCE:
             evidence = opened.evidence(name, frame)
             return np.repeat((255 * evidence).astype(np.uint8)[..., None], 3, axis=2)
         mask = opened.mask(name, frame, widest)
-        if self.mode == GARBAGE:  # bright, since one looks for what is not the performer
+        if self.mode == ViewMode.GARBAGE:  # bright, since one looks for what is not the performer
             return outlined(small, mask)
         alpha = mask[..., None] / np.float32(255)
         return outlined(small * (0.35 + 0.65 * alpha), 255 * alpha[..., 0])
@@ -166,13 +163,13 @@ class CaptureView(StageView):
     def click(self, x: float, y: float) -> None:
         """Add a corner to the garbage mask, if one is drawn."""
         camera, at = self.image_at or ("", None)
-        if at is not None and self.mode == GARBAGE and camera == self.camera:
+        if at is not None and self.mode == ViewMode.GARBAGE and camera == self.camera:
             self.garbage.click(camera, at.pixel(x, y), (at.width, at.height), 0.6 * self.em / at.scale)
 
     def right_click(self, x: float, y: float) -> None:
         """Take back a corner, or delete the garbage mask under the pointer."""
         camera, at = self.image_at or ("", None)
-        if at is not None and self.mode == GARBAGE and camera == self.camera:
+        if at is not None and self.mode == ViewMode.GARBAGE and camera == self.camera:
             self.garbage.right_click(camera, at.pixel(x, y), (at.width, at.height))
 
     def check(self) -> None:

@@ -13,7 +13,7 @@ from v3studio.gui.models.scene.handles import default_crop, default_ground, up_o
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.review.details import marked
-from v3studio.gui.pages.review.tools import BRUSH, BRUSH_STEP, LEAST_BRUSH, MOST_BRUSH, TOOLS, Stroke
+from v3studio.gui.pages.review.tools import BRUSH, BRUSH_STEP, DRAWS, LEAST_BRUSH, MOST_BRUSH, Stroke, Tool
 from v3studio.pipelines.takes.authored.edits import change_edits, describe
 from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.pipelines.takes.take import Take
@@ -53,7 +53,7 @@ class Editor:
         self.range_wanted: Signal[[range]] = Signal()
         self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
         self.refusal: Signal[[str]] = Signal()
-        self.tool, self.show_removed = "look", False
+        self.tool, self.show_removed = Tool.LOOK, False
         self.pending: EditList | None = None  # the edits with what is selected or being dragged; None if nothing is
         self.clicks: tuple[tuple[float, ...], ...] = ()  # picked points, world
         self.frame, self.numbers = 0, FrameNumbers()
@@ -97,7 +97,7 @@ class Editor:
 
     # Buttons
 
-    def choose_tool(self, tool: str) -> None:
+    def choose_tool(self, tool: Tool) -> None:
         """Take another tool; what was selected but not removed is let go."""
         self.tool, self.clicks, self.pending = tool, (), None
         self.measured = replace(self.measured, proposed=None)
@@ -116,18 +116,18 @@ class Editor:
         if self.pending is not None:
             return False
         floaters = edits.floaters or self.measured.proposed
-        if self.tool == "crop" and edits.crop is None and len(points):
+        if self.tool == Tool.CROP and edits.crop is None and len(points):
             self.pending = edits.with_(crop=default_crop(points, edits, self.up))
-        elif self.tool == "ground" and edits.ground is None and len(points):
+        elif self.tool == Tool.GROUND and edits.ground is None and len(points):
             self.pending = edits.with_(ground=default_ground(points, self.up))
-        elif self.tool == "floaters" and floaters is not None:
+        elif self.tool == Tool.FLOATERS and floaters is not None:
             self.pending = edits.with_(floaters=floaters)
         return self.pending is not None
 
     def press(self, key: str) -> None:
         """Press a button that needs no dialog."""
-        if key in TOOLS:
-            self.choose_tool(key)
+        if key in tuple(Tool):
+            self.choose_tool(Tool(key))
         elif key == "removed":
             self.show_removed = not self.show_removed
         elif key in ("in", "out"):
@@ -149,7 +149,7 @@ class Editor:
     @property
     def draws(self) -> bool:
         """Whether the tool selects by drawing on the image."""
-        return self.tool in ("lasso", "brush")
+        return self.tool in DRAWS
 
     # Changes
 
@@ -165,8 +165,8 @@ class Editor:
                 self.workspace.history.add(Change(words, undo, redo))
         except StudioError as error:
             refused = self.refuse(str(error))
-        if self.tool == "floaters":
-            self.tool = "look"
+        if self.tool == Tool.FLOATERS:
+            self.tool = Tool.LOOK
         return refused
 
     def _write(self, before: EditList, edits: EditList, words: str) -> None:
@@ -254,16 +254,16 @@ class Editor:
     def pick(self, point: np.ndarray, eye: np.ndarray) -> None:
         """Use a point of the performer, (3,) world, that was clicked from `eye`, as the tool says."""
         world = self.edits.world or World()
-        if self.tool == "detail":
+        if self.tool == Tool.DETAIL:
             self._mark_detail(point, eye)
-        elif self.tool == "origin":
+        elif self.tool == Tool.ORIGIN:
             placed = world.model_copy(update={"origin": tuple(point.tolist())})
             self.commit(self.edits.with_(world=placed), "origin")
         elif len(self.clicks) != 1:
             self.clicks = (tuple(point.tolist()),)
         elif (apart := float(np.linalg.norm(point - self.clicks[0]))) >= 1e-9:
             start, self.clicks = np.array(self.clicks[0]), (*self.clicks, tuple(point.tolist()))
-            if self.tool == "scale":
+            if self.tool == Tool.SCALE:
                 self.two_points.emit(start, point)
             else:
                 self._set_up((point - start) / apart)

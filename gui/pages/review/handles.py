@@ -3,22 +3,23 @@
 import numpy as np
 
 from v3studio.gui.models.scene.handles import Handle, crop_handles, ground_handle, moved_crop
+from v3studio.gui.pages.review.tools import Tool
 from v3studio.studio.cameras import Camera
 from v3studio.studio.edits.edit_list import EditList
 
-DRAGGED = {"crop": "crop box", "ground": "ground plane", "detail": "size of a detail"}
+DRAGGED = {Tool.CROP: "crop box", Tool.GROUND: "ground plane", Tool.DETAIL: "size of a detail"}
 """What a drag with a tool changes."""
 
 
 def tool_handles(
-    tool: str, edits: EditList, view: Camera, seen: np.ndarray, number: int, up: np.ndarray
+    tool: Tool, edits: EditList, view: Camera, seen: np.ndarray, number: int, up: np.ndarray
 ) -> list[Handle]:
     """The handles of a tool, in the frame of a number. `seen`: (N, 3) splats; `up`: (3,); both world."""
-    if tool == "crop" and edits.crop is not None:
+    if tool == Tool.CROP and edits.crop is not None:
         handles = crop_handles(edits.crop)
-    elif tool == "ground" and edits.ground is not None and len(seen):
+    elif tool == Tool.GROUND and edits.ground is not None and len(seen):
         return [ground_handle(edits.ground, np.median(seen, axis=0))]
-    elif tool == "detail":
+    elif tool == Tool.DETAIL:
         handles = [
             Handle(f"detail {index}", mark.at(number) + mark.radius * up, up)
             for index, mark in enumerate(edits.details)

@@ -21,7 +21,7 @@ from v3studio.gui.pages.review.editor import Measured
 from v3studio.gui.pages.review.frame import EditedFrame
 from v3studio.gui.pages.review.handles import tool_handles
 from v3studio.gui.pages.review.histogram import HistogramPlace, draw_histogram
-from v3studio.gui.pages.review.tools import Stroke, hint
+from v3studio.gui.pages.review.tools import PLACES, Stroke, Tool, hint
 from v3studio.gui.pages.stage_view import Size
 from v3studio.studio.cameras import Camera
 from v3studio.studio.counts import counted
@@ -38,7 +38,7 @@ class Shown:
     frame: int
     view: tuple[float, ...]
     orbit: OrbitCamera = field(compare=False)  # with `view` as its key
-    tool: str
+    tool: Tool
     show_removed: bool
     edits: EditList
     pending: EditList | None
@@ -60,13 +60,13 @@ def draw_edits(edited: EditedFrame, shown: Shown, size: Size) -> tuple[np.ndarra
     if shown.pending is not None:
         pending = edited.selection(shown.pending).removed
         selected, back = pending & ~removed, removed & ~pending
-    elif shown.tool == "floaters":
+    elif shown.tool == Tool.FLOATERS:
         proposed = edited.proposed_floaters(shown.edits)
     measured = Measured(edited.seen(removed), int(removed.sum()), int(selected.sum()), int(back.sum()), proposed)
     view = shown.orbit.camera(*size)
     splats = draw_layer(_colored(edited.gaussians, removed, selected, shown.show_removed), view)
     canvas = _scene(edited, view, shown, splats, selected, measured.seen)
-    if shown.tool == "floaters":
+    if shown.tool == Tool.FLOATERS:
         limits = (shown.pending or shown.edits).floaters
         kept = ~np.any([selection.kinds[name] for name in ("crop", "ground", "regions")], axis=0)
         opacities, limit = edited.paths.opacities.max(axis=0)[kept], limits.opacity if limits is not None else None
@@ -105,14 +105,14 @@ def _scene(
     among = []
     if edits.ground is not None:
         grid, _ = grid_lines(middle, edits.ground.unit, edits.ground.height, 0.6 * reach)
-        among.append(Lines.of(grid.ends, colors.get("ground", DIM)))
+        among.append(Lines.of(grid.ends, colors.get(Tool.GROUND, DIM)))
     if edits.crop is not None:
-        among.append(box_lines(edits.crop.corners, colors.get("crop", DIM), 2.0 if shown.tool == "crop" else 1.0))
-    over = [detail_lines(mark, number, view.center, colors.get("detail", DIM)) for mark in edits.details]
+        among.append(box_lines(edits.crop.corners, colors.get(Tool.CROP, DIM), 2.0 if shown.tool == Tool.CROP else 1.0))
+    over = [detail_lines(mark, number, view.center, colors.get(Tool.DETAIL, DIM)) for mark in edits.details]
     over.append(Lines.of(np.array(list(pairwise(shown.clicks))), FAIR, 2.0))
     back = edits.similarity.inverse
     axes = axis_lines(back.points(np.zeros(3)), back.directions(np.eye(3)), 0.25 * reach)
-    shows_axes = edits.world is not None or shown.tool in ("origin", "up", "scale")
+    shows_axes = edits.world is not None or shown.tool in PLACES
     over += [axes] if shows_axes else []
     dots = edited.paths.means[edited.at][selected]
     canvas = _composed(view, splats, BACKGROUNDS[shown.background], among, over, dots)

@@ -1,10 +1,27 @@
 """The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from v3studio.gui.pages.choices import Choice
 from v3studio.studio.counts import counted
 from v3studio.studio.edits.edit_list import Floaters
+
+
+class Tool(StrEnum):
+    """What the mouse does to the edits."""
+
+    LOOK = "look"
+    CROP = "crop"
+    GROUND = "ground"
+    FLOATERS = "floaters"
+    LASSO = "lasso"
+    BRUSH = "brush"
+    ORIGIN = "origin"
+    UP = "up"
+    SCALE = "scale"
+    DETAIL = "detail"
+
 
 EDIT_CHOICES: tuple[Choice, ...] = (
     ("done", "Done", "Leave the edits and show the take again"),
@@ -12,27 +29,28 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("in", "Trim in", "In point: the first frame to keep is this one"),
     ("out", "Trim out", "Out point: the last frame to keep is this one"),
     ("", "", ""),
-    ("look", "Orbit", "Drags turn the view"),
-    ("crop", "Crop", "Drag the faces of a box; splats outside are removed"),
-    ("ground", "Ground", "Drag a plane up or down; splats below are removed"),
-    ("floaters", "Floaters", "Select small clusters and faint splats; the histogram and Numbers set the limits"),
-    ("lasso", "Lasso", "Draw around splats to select them; right drags pan"),
-    ("brush", "Brush", "Paint over splats to select them; right drags pan"),
+    (Tool.LOOK, "Orbit", "Drags turn the view"),
+    (Tool.CROP, "Crop", "Drag the faces of a box; splats outside are removed"),
+    (Tool.GROUND, "Ground", "Drag a plane up or down; splats below are removed"),
+    (Tool.FLOATERS, "Floaters", "Select small clusters and faint splats; the histogram and Numbers set the limits"),
+    (Tool.LASSO, "Lasso", "Draw around splats to select them; right drags pan"),
+    (Tool.BRUSH, "Brush", "Paint over splats to select them; right drags pan"),
     ("", "", ""),
     ("remove", "Remove", "Remove what is selected"),
     ("", "", ""),
-    ("origin", "Origin", "Click the point that becomes the origin"),
-    ("up", "Up", "Click a point, then one straight above it: up becomes +y"),
-    ("scale", "Scale", "Click two points, and say how far apart they are"),
+    (Tool.ORIGIN, "Origin", "Click the point that becomes the origin"),
+    (Tool.UP, "Up", "Click a point, then one straight above it: up becomes +y"),
+    (Tool.SCALE, "Scale", "Click two points, and say how far apart they are"),
     ("", "", ""),
-    ("detail", "Detail", "Click a face or a hand: training gives it more splats"),
+    (Tool.DETAIL, "Detail", "Click a face or a hand: training gives it more splats"),
     ("", "", ""),
     ("numbers", "Numbers", "Set the crop box, ground, floaters, world or a detail in numbers"),
     ("list", "List", "List the edits, and take some back"),
     ("removed", "Removed", "Draw what is removed in red"),
 )
-TOOLS = ("look", "crop", "ground", "floaters", "lasso", "brush", "origin", "up", "scale", "detail")
-PICKS = ("origin", "up", "scale", "detail")  # tools that are used by clicking on the performer
+DRAWS = (Tool.LASSO, Tool.BRUSH)  # tools that select by drawing on the image
+PLACES = (Tool.ORIGIN, Tool.UP, Tool.SCALE)  # tools that place the world
+PICKS = (*PLACES, Tool.DETAIL)  # tools that are used by clicking on the performer
 BRUSH = 0.03  # radius of the brush at first, relative to the height of the image
 LEAST_BRUSH, MOST_BRUSH = 0.002, 0.5  # limits of it
 BRUSH_STEP = 1.25  # what a key press multiplies or divides it by
@@ -41,14 +59,14 @@ FLOATERS = (Floaters(opacity=0.02, share=0.005), Floaters(opacity=0.05, share=0.
 """Limits to propose, from careful to bold: the first that select anything."""
 
 HINTS = {
-    "crop": "Drag the dots on the faces.",
-    "ground": "Drag the dot up or down.",
-    "lasso": "Draw around what should go.",
-    "brush": "Paint over what should go. - and + change the size.",
-    "origin": "Click the new origin.",
-    "up": "Click a point, then one straight above it.",
-    "scale": "Click two points whose distance you know.",
-    "detail": "Click a face or a hand that training should give more splats. Drag a dot to change the size.",
+    Tool.CROP: "Drag the dots on the faces.",
+    Tool.GROUND: "Drag the dot up or down.",
+    Tool.LASSO: "Draw around what should go.",
+    Tool.BRUSH: "Paint over what should go. - and + change the size.",
+    Tool.ORIGIN: "Click the new origin.",
+    Tool.UP: "Click a point, then one straight above it.",
+    Tool.SCALE: "Click two points whose distance you know.",
+    Tool.DETAIL: "Click a face or a hand that training should give more splats. Drag a dot to change the size.",
 }
 
 
@@ -60,14 +78,14 @@ class Stroke:
     radius: float | None
 
 
-def hint(tool: str, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
+def hint(tool: Tool, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
     """What to do next, over the image; "" if there is nothing to say. Numbers of splats in the group: `selected`, None
     if nothing was tried; `back`: no longer removed. `in_use`: these limits are among the take's edits already."""
     words = HINTS.get(tool, "")
     if selected is None:
         return words
     found = f"{counted(selected, 'splat') if selected else 'No splats'} selected"
-    if tool == "floaters":
+    if tool == Tool.FLOATERS:
         if in_use:
             return f"Removed already: {_limits(floaters)}. Change the limits with Numbers."
         more = f", {back:,} no longer removed" if back else ""

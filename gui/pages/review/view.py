@@ -10,7 +10,7 @@ from v3studio.gui.pages.review.frame import EditedFrame
 from v3studio.gui.pages.review.handles import DRAGGED, dragged, tool_handles
 from v3studio.gui.pages.review.histogram import HistogramPlace
 from v3studio.gui.pages.review.picture import Shown, draw_edits, with_circle
-from v3studio.gui.pages.review.tools import PICKS, Stroke
+from v3studio.gui.pages.review.tools import PICKS, Stroke, Tool
 from v3studio.gui.pages.stage_view import Size, StageView
 from v3studio.studio.cameras import Camera
 from v3studio.studio.edits.edit_list import EditList
@@ -60,13 +60,13 @@ class EditView(StageView):
     def grabs(self, x: float, y: float) -> bool:
         """Whether a press at a pixel grabs a handle or begins to draw."""
         editor, view = self.editor, self._camera
-        if editor.tool == "floaters" and self._histogram.holds(x, y):
+        if editor.tool == Tool.FLOATERS and self._histogram.holds(x, y):
             self._limiting = True
             editor.limit_opacity(self._histogram.opacity_at(x))
             return True
         if editor.draws:
             editor.pending = None
-            self._stroke = Stroke(((x, y),), None if editor.tool == "lasso" else editor.brush * view.height)
+            self._stroke = Stroke(((x, y),), None if editor.tool == Tool.LASSO else editor.brush * view.height)
             return True
         self._dragged = editor.pending or editor.edits
         self._handle, self._from = grabbed(self.handles(self._dragged), view, x, y), (x, y)
@@ -142,7 +142,7 @@ class EditView(StageView):
             return None
         height, width = self._plain.shape[:2]
         circle, editor = None, self.editor
-        if editor.tool == "brush" and editor.pointer is not None:
+        if editor.tool == Tool.BRUSH and editor.pointer is not None:
             circle = (editor.pointer[0] * width, editor.pointer[1] * height, editor.brush * height)
         before, self._circle = self._circle, circle
         if pixels is None and circle == before:

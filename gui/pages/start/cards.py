@@ -6,9 +6,11 @@ import os
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.stages import STAGES
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.runs import runner
@@ -26,14 +28,25 @@ MEASURE_EVERY = 60.0
 of its stream makes a new image."""
 
 
+class CardKind(StrEnum):
+    """What a recent place is."""
+
+    TAKE = "take"
+    STREAM = "stream"
+    WEB = "web"  # a stream with a URL
+    MISSING = "missing"
+    DAMAGED = "damaged"
+    UNKNOWN = "unknown"  # not read yet
+
+
 @dataclass(frozen=True)
 class Card:
     """A recent take or stream."""
 
     place: str
-    kind: str  # "take", "stream", "web", "missing" or "damaged"
-    state: str = ""  # how far it is, or what is wrong with it, in words
-    tone: str = "missing"  # "done", "stale", "failed", "running" or "missing": a key of `drawing.palette.STATE_COLORS`
+    kind: CardKind
+    words: str = ""  # how far it is, or what is wrong with it
+    state: State = State.MISSING
     changed: float | None = None  # when its results or settings last changed, seconds since 1970; None if unknown
     quality: float | None = None  # of the decoded stream, in the unit of `MAIN`; None if it was not measured
     stream_bytes: int | None = None  # size of the stream; None if there is none, or if it is on another machine
@@ -46,7 +59,7 @@ class Card:
     @property
     def folder(self) -> str:
         """Where it is, with "~" for the home folder."""
-        if self.kind == "web":
+        if self.kind == CardKind.WEB:
             return self.place
         parent, home = str(Path(self.place).parent), str(Path.home())
         return "~" + parent[len(home) :] if parent == home or parent.startswith(home + "/") else parent
@@ -55,7 +68,7 @@ class Card:
     def sizes(self) -> str:
         """ "stream 930.0 KB of 214.0 MB", as far as they are known."""
         stream = "" if self.stream_bytes is None else f"stream {size_words(self.stream_bytes)}"
-        total = "" if self.total_bytes is None or self.kind != "take" else size_words(self.total_bytes)
+        total = "" if self.total_bytes is None or self.kind != CardKind.TAKE else size_words(self.total_bytes)
         return " of ".join(filter(None, (stream, total)))
 
 
@@ -70,19 +83,21 @@ def date_words(when: float | None) -> str:
 def describe(place: str) -> Card:
     """Read what a card shows. Of a URL nothing is fetched."""
     if is_address(place):
-        return Card(place, "web", "stream on the web")
+        return Card(place, CardKind.WEB, "stream on the web")
     path = Path(place)
     if not path.exists():
-        return Card(place, "missing", "missing: moved or deleted", "failed")
+        return Card(place, CardKind.MISSING, "missing: moved or deleted", State.FAILED)
     if (path / "take.json").is_file():
         try:
             return _take(Take.open(path))
         except StudioError as error:
-            return Card(place, "damaged", str(error.message.problem), "failed", _newest([path]))
+            return Card(place, CardKind.DAMAGED, str(error.message.problem), State.FAILED, _newest([path]))
     if (path / "manifest.json").is_file() or path.suffix.lower() == ".v3s":
         size = folder_bytes(path)
-        return Card(place, "stream", "stream", "done", _newest([path, path / "manifest.json"]), None, size, size)
-    return Card(place, "damaged", "neither a take nor a stream any more", "failed", _newest([path]))
+        return Card(
+            place, CardKind.STREAM, "stream", State.DONE, _newest([path, path / "manifest.json"]), None, size, size
+        )
+    return Card(place, CardKind.DAMAGED, "neither a take nor a stream any more", State.FAILED, _newest([path]))
 
 
 def _take(take: Take) -> Card:
@@ -94,12 +109,12 @@ def _take(take: Take) -> Card:
         if take.evaluation.is_file():
             quality = read_evaluation(take.evaluation).summary.measures.get(f"{MAIN.name}_decoded")
     if running:
-        return Card(str(take.root), "take", progress(take)[0], "running", changed, quality, *sizes)
+        return Card(str(take.root), CardKind.TAKE, progress(take)[0], State.RUNNING, changed, quality, *sizes)
     try:
-        state, tone = state_words(runner.status(take, load_config(take.config)))
+        words, state = state_words(runner.status(take, load_config(take.config)))
     except StudioError as error:
-        state, tone = error.message.problem, "failed"
-    return Card(str(take.root), "take", state, tone, changed, quality, *sizes)
+        words, state = error.problem, State.FAILED
+    return Card(str(take.root), CardKind.TAKE, words, state, changed, quality, *sizes)
 
 
 @lru_cache(maxsize=100)
@@ -108,21 +123,21 @@ def _sizes(take: Take, _when: float) -> tuple[int | None, int]:
     return folder_bytes(take.stream) if take.has_stream else None, folder_bytes(take.root)
 
 
-def state_words(stages: dict[str, StageStatus]) -> tuple[str, str]:
-    """A take's state in words and its tone, see `Card`. `stages`: as printed by `v3studio status`."""
-    found = {stage.title: stages[stage.name] for stage in STAGES if stage.name in stages}
-    for state in ("failed", "stale"):
-        titles = [title for title, status in found.items() if status.state == state]
+def state_words(stages: dict[str, StageStatus]) -> tuple[str, State]:
+    """A take's state, in words too. `stages`: as printed by `v3studio status`."""
+    by_title = {stage.title: stages[stage.name] for stage in STAGES if stage.name in stages}
+    for state in (State.FAILED, State.STALE):
+        titles = [title for title, status in by_title.items() if status.state == state]
         if titles:
             return f"{listed(titles)} {state}", state
-    done = [title for title, status in found.items() if status.state == "done"]
-    if len(done) == len(found):
-        return "all stages done", "done"
-    for title, status in found.items():
-        if status.state == "partial":
-            return f"{title}: {status.units_done} of {status.units} {status.unit}", "stale"
-    following = next(title for title in found if title not in done)
-    return (f"next: {following}" if done else "not started"), "missing"
+    done = [title for title, status in by_title.items() if status.state == State.DONE]
+    if len(done) == len(by_title):
+        return "all stages done", State.DONE
+    for title, status in by_title.items():
+        if status.state == State.PARTIAL:
+            return f"{title}: {status.units_done} of {status.units} {status.unit}", State.STALE
+    following = next(title for title in by_title if title not in done)
+    return (f"next: {following}" if done else "not started"), State.MISSING
 
 
 def folder_bytes(path: Path) -> int:

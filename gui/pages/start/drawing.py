@@ -21,12 +21,19 @@ from v3studio.gui.drawing.palette import (
     RGB,
     STATE_COLORS,
     TEXT,
+    State,
 )
 from v3studio.gui.models.take.take_queue import QueueRow
-from v3studio.gui.pages.start.cards import Card, date_words
+from v3studio.gui.pages.start.cards import Card, CardKind, date_words
 from v3studio.gui.pages.start.page import StartPage
 from v3studio.studio.comparison.metrics import MAIN
 
+_NO_IMAGE = {  # what is said instead of an image
+    CardKind.WEB: "stream on the web",
+    CardKind.MISSING: "missing",
+    CardKind.DAMAGED: "no image",
+    CardKind.UNKNOWN: "",
+}
 BUTTONS = (
     ("new", "New take from footage", "From a folder of videos or images"),
     ("open", "Open take", "Or the folder of a stream"),
@@ -136,7 +143,7 @@ class StartImage:
     def _cards(self, canvas: Canvas, page: StartPage, x: float, y: float, width: float, hover: str) -> float:
         em, gap = self.em, GAP * self.em
         canvas.text(x, y, "Recent", round(1.1 * em), TEXT)
-        if any(card.kind == "missing" for card in page.cards.values()):
+        if any(card.kind == CardKind.MISSING for card in page.cards.values()):
             self._button(canvas, x + width, y - 0.2 * em, "Remove missing", "forget", hover, right=True)
         y += 2.2 * em
         if not page.places:
@@ -147,7 +154,7 @@ class StartImage:
         high = wide * 9 / 16 + 6.5 * em
         for number, place in enumerate(page.places):
             box = (x + number % count * (wide + gap), y + number // count * (high + gap), wide, high)
-            card = page.cards.get(place) or Card(place, "web" if "://" in place else "unknown", "reading ...")
+            card = page.cards.get(place) or Card(place, CardKind.UNKNOWN, "reading ...")
             if box[1] < self.height and box[1] + high > 0:
                 self._card(canvas, card, page.pictures.get(place), box, number, hover)
             self.boxes.add(box, f"card {number}")
@@ -164,28 +171,25 @@ class StartImage:
             inter = cv2.INTER_AREA if picture.shape[1] > size[0] else cv2.INTER_LINEAR
             canvas.image(x + 1, y + 1, cv2.resize(picture, size, interpolation=inter))
         else:
-            words = {"web": "stream on the web", "missing": "missing", "damaged": "no image", "unknown": ""}
             canvas.rect(x + 1, y + 1, wide - 2, tall, GROUND)
-            canvas.text(x + wide / 2, y + 0.45 * tall, words.get(card.kind, "no image yet"), small, DIM, "middle")
+            canvas.text(x + wide / 2, y + 0.45 * tall, _NO_IMAGE.get(card.kind, "no image yet"), small, DIM, "middle")
         top, room = y + tall + 0.5 * em, wide - 2 * pad
         date = date_words(card.changed)
         normal = round(em)
         canvas.text(x + pad, top, card.name, normal, TEXT, width=room - text_width(date, small) - 0.6 * em)
         canvas.text(x + wide - pad, top + 0.1 * em, date, small, DIM, "right")
         top += 1.55 * em
-        color = STATE_COLORS[card.tone]
-        canvas.dot(x + pad + 0.3 * em, top + 0.58 * em, 0.27 * em, color)
-        canvas.text(
-            x + pad + 0.95 * em, top, card.state, small, BAD if card.tone == "failed" else TEXT, width=room - em
-        )
+        canvas.dot(x + pad + 0.3 * em, top + 0.58 * em, 0.27 * em, STATE_COLORS[card.state])
+        color = BAD if card.state == State.FAILED else TEXT
+        canvas.text(x + pad + 0.95 * em, top, card.words, small, color, width=room - em)
         top += 1.35 * em
-        current = card.tone == "done"  # otherwise it may be of earlier settings
+        current = card.state == State.DONE  # otherwise it may be of earlier settings
         quality = "" if card.quality is None else MAIN.text(card.quality)
         across = canvas.text(x + pad, top, quality, small, GOOD if current else DIM)
         gap = 0.8 * em if across else 0.0
         canvas.text(x + pad + across + gap, top, card.sizes, small, DIM, width=room - across - gap)
         canvas.text(x + pad, top + 1.35 * em, card.folder, small, DIM, width=room)
-        if under or card.kind in ("missing", "damaged"):
+        if under or card.kind in (CardKind.MISSING, CardKind.DAMAGED):
             side = 1.6 * em
             cross = (x + wide - side, y, side, side)
             canvas.rect(*cross, RAISED)
@@ -211,15 +215,15 @@ class StartImage:
         across = x
         if queue.running:
             across += self._button(canvas, across, y, "Stop", "stop", hover) + 0.5 * em
-        elif any(row.state in ("waiting", "running") for row in rows):
+        elif any(row.state in (State.WAITING, State.RUNNING) for row in rows):
             across += self._button(canvas, across, y, "Start", "start", hover) + 0.5 * em
         self._button(canvas, across, y, "Edit queue (Q)", "queue", hover)
         return y + 1.9 * em
 
     def _queue_row(self, canvas: Canvas, row: QueueRow, x: float, y: float, width: float) -> float:
         em, small = self.em, round(0.88 * self.em)
-        running = row.state == "running"
-        color = {"done": GOOD, "failed": BAD, "running": ACCENT}.get(row.state, DIM)
+        running = row.state == State.RUNNING
+        color = {State.DONE: GOOD, State.FAILED: BAD, State.RUNNING: ACCENT}.get(row.state, DIM)
         words = (row.words or row.state) if running else row.state
         shown = min(text_width(words, small), round(0.62 * width))
         canvas.text(x, y, row.take.name, small, TEXT, width=width - shown - 0.8 * em)
@@ -229,7 +233,7 @@ class StartImage:
             canvas.rect(x, y, width, 0.3 * em, RAISED)
             canvas.rect(x, y, width * (row.fraction or 0.0), 0.3 * em, ACCENT)
             y += 0.6 * em
-        if row.state == "failed" and row.words:
+        if row.state == State.FAILED and row.words:
             y = self._lines(canvas, row.words, x, y, width, DIM, most=3)
         return y + 0.35 * em
 

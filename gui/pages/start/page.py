@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from v3studio.gui.drawing.areas import Box
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.take.take_queue import TakeQueue
 from v3studio.gui.models.worker import Done, LatestWorker
-from v3studio.gui.pages.start.cards import Card, describe, fingerprint
+from v3studio.gui.pages.start.cards import Card, CardKind, describe, fingerprint
 from v3studio.gui.pages.start.thumbnail import thumbnail
 from v3studio.studio.stream import is_address
 
@@ -80,7 +81,7 @@ class StartPage:
                 self.pictures[place] = facts
             else:
                 self._stamps[place] = "failed"
-                self.cards[place] = Card(place, "damaged", f"cannot be read: {done.error}", "failed")
+                self.cards[place] = Card(place, CardKind.DAMAGED, f"cannot be read: {done.error}", State.FAILED)
             self.changed.emit()
         self.look(self.places)
 
@@ -93,8 +94,8 @@ class StartPage:
                 return _Request(place)
         for place in self.places:
             card = self.cards[place]
-            wanted = (card.kind, card.stream_bytes, card.changed if card.tone != "running" else None)
-            if self._pictured.get(place) != wanted and card.kind in ("take", "stream"):
+            wanted = (card.kind, card.stream_bytes, card.changed if card.state != State.RUNNING else None)
+            if self._pictured.get(place) != wanted and card.kind in (CardKind.TAKE, CardKind.STREAM):
                 self._pictured[place] = wanted
                 return _Request(place, picture=True)
         for place in self.places:
@@ -112,7 +113,7 @@ class StartPage:
     def running(self) -> tuple[str, str, float | None] | None:
         """Name, stage and fraction of the take of the queue that runs; None if none does."""
         for row in self.queue.view.rows:
-            if row.state == "running" and self.queue.view.is_run:
+            if row.state == State.RUNNING and self.queue.view.is_run:
                 return row.take.name, row.stage, row.fraction
         return None
 

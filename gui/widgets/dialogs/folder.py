@@ -7,7 +7,7 @@ from pathlib import Path
 from open3d.visualization import gui
 
 from v3studio.gui.drawing.palette import ACCENT
-from v3studio.gui.models.folders import FolderList
+from v3studio.gui.models.folders import FolderList, Kind
 from v3studio.gui.widgets.dialogs.base import Dialogs, filled, in_lines
 from v3studio.gui.widgets.picture import make_label
 
@@ -51,9 +51,9 @@ class _PathDialog:
             path.add_child(button)
         path.add_child(self._path)
         hint = {
-            "folder": "Select a folder, or double-click to enter it. With no selection, Open uses the current folder.",
-            "take": "Select one and press Open. Double-click to enter a folder.",
-            "file": "Select a file and press Open. Double-click to enter a folder.",
+            Kind.FOLDER: "Select a folder, or double-click to enter it. Open alone uses the current folder.",
+            Kind.TAKE: "Select one and press Open. Double-click to enter a folder.",
+            Kind.FILE: "Select a file and press Open. Double-click to enter a folder.",
         }[self._found.wanted]
         parts: list[gui.Widget] = [path, self._list, self._selected, dialogs.label(hint), self._message]
         answers = [("open", "Open", self._open), ("close", "Cancel", self._close)]
@@ -106,7 +106,12 @@ class _PathDialog:
     def _enter(self) -> None:
         """Handle Enter: go to a typed folder and list it; otherwise like Open."""
         typed = Path(self._typed.strip() or ".").expanduser()
-        if self._marked is None and typed != self._found.folder and typed.is_dir() and self._found.wanted == "folder":
+        if (
+            self._marked is None
+            and typed != self._found.folder
+            and typed.is_dir()
+            and self._found.wanted == Kind.FOLDER
+        ):
             self._moved(lambda: self._found.enter(typed.absolute()))
         else:
             self._open()

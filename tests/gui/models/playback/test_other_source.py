@@ -1,7 +1,8 @@
 from pathlib import Path
 
 from tests.support.players import settle
-from v3studio.gui.models.playback.other_source import OTHER, open_other
+from v3studio.gui.drawing.compare import Mode, What
+from v3studio.gui.models.playback.other_source import open_other
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.timeline_plots import plots_of
 
@@ -17,7 +18,7 @@ def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
     assert 2 * player.picture.box.width <= 256
     assert player.picture.request.names == ("decoded", "other", "other 2", "other 3")
     assert player.exchange()
-    assert (player.mode, player.what) == ("single", OTHER)
+    assert (player.mode, player.what) == (Mode.SINGLE, What.OTHER)
     assert player.exchange()
     assert player.what == "decoded"
     player.compare_with(None)

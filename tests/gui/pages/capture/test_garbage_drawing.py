@@ -8,7 +8,7 @@ import pytest
 from tests.support.errors import refuses
 from tests.support.looping import heard, wait_in_loop
 from v3studio.gui.drawing.palette import BAD
-from v3studio.gui.pages.capture.view import GARBAGE
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.runs.runner import status
@@ -27,7 +27,7 @@ def views(views: StageViews, take_copy: Path) -> StageViews:
     views.workspace.open(Take.open(take_copy))
     wait_in_loop("the take", lambda: views.workspace.assessed)
     views.select("capture")
-    views.choose(GARBAGE)
+    views.choose(ViewMode.GARBAGE)
     views.show_alone("cam1")
     return views
 
@@ -113,7 +113,7 @@ def test_garbage_masks_that_are_images_are_not_drawn_over(views: StageViews, tak
     views.choose("masks")
     views.workspace.change_settings({"capture.garbage_masks": f"{masks}/{{camera}}.png"})
     picture(views)
-    views.choose(GARBAGE)
+    views.choose(ViewMode.GARBAGE)
     with refuses("gui.garbage_images", setting="capture.garbage_masks"):
         picture(views)
     assert views.capture.image_at is None, "no clicks draw"

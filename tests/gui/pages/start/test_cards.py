@@ -17,7 +17,7 @@ from v3studio.pipelines.takes.take import Take
 def test_a_finished_take(finished: Path) -> None:
     take = finished / "take"
     card = describe(str(take))
-    assert (card.kind, card.name, card.state, card.tone) == ("take", "take", "all stages done", "done")
+    assert (card.kind, card.name, card.words, card.state) == ("take", "take", "all stages done", "done")
     evaluation = json.loads((take / "evaluation.json").read_text())
     rows = [frame["psnr_decoded"] for frame in evaluation["frames"]]
     assert card.quality == pytest.approx(sum(rows) / len(rows), abs=0.02)
@@ -36,7 +36,7 @@ def test_a_running_take_is_measured_now_and_then(take_copy: Path, monkeypatch: p
 
 def test_what_is_not_a_take_is_told(take_copy: Path, tmp_path: Path) -> None:
     gone = describe(str(tmp_path / "gone"))
-    assert (gone.kind, gone.tone) == ("missing", "failed")
+    assert (gone.kind, gone.state) == ("missing", "failed")
     stream = describe(str(take_copy / "stream"))
     assert (stream.kind, stream.stream_bytes) == ("stream", folder_bytes(take_copy / "stream"))
     assert describe("https://example.org/walk").kind == "web"
