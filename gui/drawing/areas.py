@@ -8,7 +8,7 @@ T = TypeVar("T")
 
 
 class Areas(Generic[T]):
-    """See the module. `all`: rectangles and what they stand for; later ones are in front."""
+    """Parts of an image that can be clicked. `all`: rectangles and their values; later ones are in front."""
 
     def __init__(self) -> None:
         self.all: list[tuple[Box, T]] = []

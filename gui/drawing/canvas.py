@@ -23,8 +23,8 @@ ROUND = 0.25  # radius of the corners of buttons in font sizes, as the toolkit d
 @lru_cache(maxsize=16)
 def _font(size: int) -> Any:
     """The window's font (Roboto, which Open3D ships), else Pillow's."""
-    found = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
-    for folder in (found.submodule_search_locations or []) if found else []:
+    package = importlib.util.find_spec("open3d")  # finds the folder, imports nothing
+    for folder in (package.submodule_search_locations or []) if package else []:
         path = Path(folder) / "resources" / "Roboto-Medium.ttf"
         if path.is_file():
             return ImageFont.truetype(str(path), size)

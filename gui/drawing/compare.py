@@ -113,9 +113,9 @@ def wipe(
     return canvas.pixels
 
 
-def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def difference(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """(H, W) float32: absolute difference, averaged over the channels, in 8-bit levels."""
-    return np.abs(one.astype(np.int16) - other).astype(np.float32).mean(axis=2)
+    return np.abs(left.astype(np.int16) - right).astype(np.float32).mean(axis=2)
 
 
 def heat(levels: np.ndarray) -> np.ndarray:
@@ -125,10 +125,10 @@ def heat(levels: np.ndarray) -> np.ndarray:
 
 
 def heat_map(
-    size: tuple[int, int], box: Box, one: np.ndarray, other: np.ndarray, names: tuple[str, str], text: int = LABEL_SIZE
+    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, names: tuple[str, str], text: int = LABEL_SIZE
 ) -> np.ndarray:
     """Draw a heat map of the difference, with a scale and the mean difference; `text`: size of labels, pixels."""
-    levels = difference(one, other)
+    levels = difference(left, right)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
     pair, mean = f"{names[0]} and {names[1]}", f"mean {levels.mean():.2f}"

@@ -17,7 +17,7 @@ DARK = 0.3  # brightness of cameras and frames that are not used
 
 @dataclass(frozen=True)
 class FootageSheet:
-    """See the module. `span`: first and last frame used. `words`: what is done while there is nothing to show."""
+    """An image of the footage. `span`: first and last frame used. `words`: shown while there is no image."""
 
     size: tuple[int, int]
     em: float

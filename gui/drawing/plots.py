@@ -23,7 +23,7 @@ def ticks(low: float, high: float, count: int = 4) -> list[float]:
 def round_step(least: float) -> float:
     """The lowest of 1, 2 and 5 times a power of ten that is not below a number above 0."""
     power = 10.0 ** math.floor(math.log10(least))
-    return next(one * power for one in (1, 2, 5, 10) if one * power >= least * (1 - 1e-9))
+    return next(factor * power for factor in (1, 2, 5, 10) if factor * power >= least * (1 - 1e-9))
 
 
 def number(value: float) -> str:

@@ -17,7 +17,7 @@ LEAST_SECONDS = 0.1  # least seconds between two views
 
 
 class PathEditor:
-    """See the module. Every change is written at once."""
+    """The keys of the take's camera path. Every change is written at once."""
 
     def __init__(self) -> None:
         self.keys: tuple[Key, ...] = ()  # the views, ordered by time; the first is at 0; with numbers of their frames
@@ -117,14 +117,14 @@ class PathEditor:
 
     def fitted_keys(self, width: int, height: int) -> list[Key]:
         """The keys for a size of the movie. Raises StudioError: the take does not have the frame of a view."""
-        found = []
+        keys = []
         for number, (key, frame) in enumerate(zip(self.keys, self.frames, strict=True), 1):
             if frame is None:
                 problem = f"view {number} of the camera path shows frame {key.frame}, which the take does not have"
                 fix = "Drag its diamond on the timeline to another frame, or remove this view."
                 raise StudioError("camera_path.frame_missing", problem, value=key.frame, fix=fix)
-            found.append(replace(key, camera=reframed(key.camera, width, height), frame=float(frame)))
-        return found
+            keys.append(replace(key, camera=reframed(key.camera, width, height), frame=float(frame)))
+        return keys
 
     def _change(self, index: int, words: str, **values: Any) -> None:
         self._set([*self.keys[:index], replace(self.keys[index], **values), *self.keys[index + 1 :]], words)

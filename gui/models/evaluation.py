@@ -40,11 +40,11 @@ class Evaluation:
         if not path.is_file():
             return cls()
         try:
-            found = read_evaluation(path)
+            evaluation = read_evaluation(path)
         except StudioError as error:
             return cls(error=str(error))
-        frames = {row.index: row for row in found.frames}
-        return cls(frames, found.cameras, found.protocol.held_out, stale=stale)
+        frames = {row.index: row for row in evaluation.frames}
+        return cls(frames, evaluation.cameras, evaluation.protocol.held_out, stale=stale)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and whose they are (`whose`); ({}, "") if not evaluated."""
@@ -55,19 +55,19 @@ class Evaluation:
 
     def worst(self, count: int | None = None) -> list[WorstFrame]:
         """Decoded frames as cameras see them, the worst first, `count` at most."""
-        found = [
+        frames = [
             WorstFrame(measured.measures[DECODED], frame, camera, measured.measures)
             for frame, quality in self.frames.items()
             for camera, measured in quality.cameras.items()
         ]
-        return sorted(found, key=lambda one: (one.value, one.frame, one.camera))[:count]
+        return sorted(frames, key=lambda shown: (shown.value, shown.frame, shown.camera))[:count]
 
     def worst_by_camera(self) -> list[WorstFrame]:
         """The worst frame of each camera, the worst first."""
-        found: dict[str, WorstFrame] = {}
-        for one in self.worst():
-            found.setdefault(one.camera, one)
-        return list(found.values())
+        by_camera: dict[str, WorstFrame] = {}
+        for worst in self.worst():
+            by_camera.setdefault(worst.camera, worst)
+        return list(by_camera.values())
 
     def mean(self, camera: str, what: str = "decoded") -> float | None:
         """The main metric of a camera, "trained" or "decoded", mean over the frames; None if it was not measured."""
@@ -75,7 +75,7 @@ class Evaluation:
 
     @property
     def kind(self) -> str:
-        """Of the cameras."""
+        """What the measured cameras are: "held-out" or "training"."""
         return "held-out" if self.held_out else "training"
 
     def whose(self, camera: str, briefly: bool = False) -> str:
@@ -105,7 +105,7 @@ class Evaluation:
     def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
         """A metric, "bytes" or "flicker", for every frame, of a camera, or the mean if it was not evaluated; None where
         not measured."""
-        found: list[FrameQuality | Quality | None] = [self.frames.get(frame) for frame in range(frame_count)]
+        rows: list[FrameQuality | Quality | None] = [self.frames.get(frame) for frame in range(frame_count)]
         if camera in self.cameras and name not in ("bytes", "flicker"):
-            found = [one.cameras.get(camera) if isinstance(one, FrameQuality) else None for one in found]
-        return [getattr(one, name, None) for one in found]
+            rows = [row.cameras.get(camera) if isinstance(row, FrameQuality) else None for row in rows]
+        return [getattr(row, name, None) for row in rows]

@@ -35,7 +35,7 @@ class Entry:
 
 
 class FolderList:
-    """See the module.
+    """The folder that a file dialog shows.
 
     Args:
         start: folder to start in, or a path in it; if it does not exist, its nearest existing parent.
@@ -58,8 +58,8 @@ class FolderList:
         """Enter a folder; return False and set `message` if it cannot be read."""
         self.message = ""
         try:
-            with os.scandir(folder) as found:
-                names = [(entry.name, entry.is_dir()) for entry in found if not entry.name.startswith(".")]
+            with os.scandir(folder) as scan:
+                names = [(entry.name, entry.is_dir()) for entry in scan if not entry.name.startswith(".")]
         except OSError as error:
             self.message = f"{folder}: cannot be read ({error.strerror}). Choose another folder."
             return False

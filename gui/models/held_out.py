@@ -1,4 +1,4 @@
-"""Which cameras a take holds out: by name, or every n-th of its footage."""
+"""The cameras that a take holds out: by name, or every n-th of its footage."""
 
 from collections.abc import Collection, Iterable
 from functools import lru_cache

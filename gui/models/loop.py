@@ -49,7 +49,7 @@ class Timer:
 
 
 class Loop:
-    """See the module. The window runs it at each tick."""
+    """Calls posted callbacks and timers. The window runs it at each tick."""
 
     def __init__(self) -> None:
         self._posted: deque[Callback] = deque()

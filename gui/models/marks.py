@@ -72,6 +72,6 @@ class Marks:
         if self._path is not None:
             self.marks = change_mark(self._path, frame, mark, replaces)
         elif mark is None:
-            self.marks = {other: one for other, one in self.marks.items() if other != frame}
+            self.marks = {other: kept for other, kept in self.marks.items() if other != frame}
         else:
             self.marks = {**self.marks, frame: mark}

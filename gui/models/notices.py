@@ -59,13 +59,13 @@ class Notices:
         shown = max(SHOWN_SECONDS, SECONDS_PER_LETTER * len(text))
         until = math.inf if bad or (stays and path is not None) else self._now() + shown
         notice = Notice(text.strip(), bad, path, topic, until)
-        before = [one for one in self._all if not notice.replaces(one)]
-        dropped = [one for one in before if one.bad][: 1 - MOST_FAILURES] if bad else []
-        self._all = [*(one for one in before if one not in dropped), notice]
+        before = [other for other in self._all if not notice.replaces(other)]
+        dropped = [other for other in before if other.bad][: 1 - MOST_FAILURES] if bad else []
+        self._all = [*(other for other in before if other not in dropped), notice]
 
     def clear(self, topic: str) -> None:
         """Remove the failures and remarks of a topic. What was written before stays as long as it would."""
-        self._all = [one for one in self._all if one.topic != topic or one.path is not None]
+        self._all = [notice for notice in self._all if notice.topic != topic or notice.path is not None]
 
     def outcome(self, topic: str, problem: str) -> bool:
         """Show a failure, or remove those of the topic if there is none (""); returns whether there is none."""
@@ -94,11 +94,11 @@ class Notices:
 
     @property
     def _shown(self) -> list[Notice]:
-        return [one for one in self._all if self._now() < one.until]
+        return [notice for notice in self._all if self._now() < notice.until]
 
     @property
     def _cards(self) -> list[Notice]:
-        return [one for one in self._shown if one.bad or one.path is not None]
+        return [notice for notice in self._shown if notice.bad or notice.path is not None]
 
     @property
     def card(self) -> Notice | None:
@@ -113,9 +113,9 @@ class Notices:
     @property
     def line(self) -> str:
         """What is shown in the status line; "" if nothing is."""
-        return next((one.line for one in self._shown if not one.bad and one.path is None), "")
+        return next((notice.line for notice in self._shown if not notice.bad and notice.path is None), "")
 
     @property
     def text(self) -> str:
         """The newest notice that is shown, in one line; "" if there is none."""
-        return next((one.line for one in reversed(self._shown)), "")
+        return next((notice.line for notice in reversed(self._shown)), "")

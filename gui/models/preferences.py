@@ -25,7 +25,7 @@ def preferences_path() -> Path:
 
 @dataclass
 class Preferences:
-    """See the module."""
+    """What the window remembers for its user."""
 
     picture_size: str = "960 x 540"  # maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`
     background: str = "dark"
@@ -37,18 +37,18 @@ class Preferences:
     @classmethod
     def read(cls, path: Path | None = None) -> Preferences:
         """Read saved preferences; defaults for anything missing or invalid."""
-        found = cls()
+        preferences = cls()
         with contextlib.suppress(OSError, ValueError, TypeError):
-            values = parse_json((path or preferences_path()).read_bytes())
-            for one in fields(cls):
-                if isinstance(values.get(one.name), type(getattr(found, one.name))):
-                    setattr(found, one.name, values[one.name])
-        if found.picture_size not in PICTURE_SIZES:
-            found.picture_size = cls.picture_size
-        if found.background not in BACKGROUND_NAMES:
-            found.background = cls.background
-        found.recent = [str(name) for name in found.recent][:RECENT]
-        return found
+            saved = parse_json((path or preferences_path()).read_bytes())
+            for attribute in fields(cls):
+                if isinstance(saved.get(attribute.name), type(getattr(preferences, attribute.name))):
+                    setattr(preferences, attribute.name, saved[attribute.name])
+        if preferences.picture_size not in PICTURE_SIZES:
+            preferences.picture_size = cls.picture_size
+        if preferences.background not in BACKGROUND_NAMES:
+            preferences.background = cls.background
+        preferences.recent = [str(name) for name in preferences.recent][:RECENT]
+        return preferences
 
     def save(self, path: Path | None = None) -> bool:
         """Save the preferences; False if the folder is not writable."""

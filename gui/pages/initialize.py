@@ -27,7 +27,7 @@ from v3studio.studio.similarity import Similarity
 
 
 class InitializeView(OrbitView):
-    """See the module."""
+    """The visual hull, or the initial points, of the group at the current frame."""
 
     modes = (ViewMode.MESH, ViewMode.POINTS)
 
@@ -72,7 +72,7 @@ class InitializeView(OrbitView):
         return canvas.pixels
 
     def forget(self) -> None:
-        """See `StageView`. Open3D exits with an error if one of its meshes outlives it."""
+        """Free the mesh: Open3D exits with an error if one of its meshes outlives it."""
         super().forget()
         self._groups.clear()
 

@@ -17,7 +17,7 @@ SLOW_TICK = 0.25
 
 
 class NewestImage:
-    """See the module."""
+    """Keeps the last image, and dims it while another one is wanted."""
 
     def __init__(self) -> None:
         self._shown: object = None

@@ -18,7 +18,7 @@ class Sorting:
     descending: bool = False
 
     def clicked(self, column: str) -> Sorting:
-        """After a click on a title: figures highest first, names lowest first; then the other way."""
+        """The order after a click on a title: figures highest first, names lowest first; then the other way."""
         return Sorting(column, not self.descending if column == self.column else column != CAMERA)
 
     def order(self, names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> list[int]:

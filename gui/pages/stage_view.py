@@ -36,7 +36,7 @@ class StageView:
         self.mode = self.modes[0] if self.modes else ViewMode.AS_FILMED
         self.em = 16.0
         self.frame = 0
-        # (camera, corners as (N, 2) pixels of the image) of what shows a camera, those in front last
+        # a camera's name and the corners, (N, 2) pixels of the image, of what shows it; those in front last
         self.places: list[tuple[str, np.ndarray]] = []
         self.camera = ""  # the marked camera; "" for none
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")
@@ -106,10 +106,10 @@ class StageView:
         return False
 
     def pull(self, x: float, y: float) -> None:
-        """Move what is grabbed to a pixel."""
+        """Drag to a pixel."""
 
     def release(self) -> None:
-        """Let go of what is grabbed."""
+        """End a drag."""
 
     def wheel(self, x: float, y: float, notches: float) -> None:
         """Handle the wheel at a pixel of the image."""
@@ -164,12 +164,12 @@ class OrbitView(StageView):
         self.orbit = None
 
     def forget(self) -> None:
-        """See `StageView`. The view belongs to the previous take, too."""
+        """Forget the view, which belongs to the previous take, too."""
         self.orbit = None
 
 
 def shown_at(places: Sequence[tuple[str, np.ndarray]], x: float, y: float) -> str:
-    """The name of what is at a pixel, the last one if there are several; "" if there is none."""
+    """The name of the place at a pixel, the last if there are several; "" if there is none."""
     for name, corners in reversed(places):
         hull = cv2.convexHull(corners.astype(np.float32))
         if cv2.pointPolygonTest(hull, (float(x), float(y)), True) >= -PICK_MARGIN:

@@ -72,17 +72,17 @@ class StageViews:
 
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""
-        found: dict[str, tuple[Choice, ...]] = {
+        by_stage: dict[str, tuple[Choice, ...]] = {
             stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
             for stage, stage_view in self.stage_views.items()
         }
         for (stage, key), (label, tooltip) in DIALOGS.items():
-            found[stage] += (("", "", ""), (key, label, tooltip))
-        return {**found, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES, "scene": SCENE_CHOICES}
+            by_stage[stage] += (("", "", ""), (key, label, tooltip))
+        return {**by_stage, "review": REVIEW_CHOICES, "edit": EDIT_CHOICES, "scene": SCENE_CHOICES}
 
     @property
     def row(self) -> str:
-        """Which of `choices` are offered."""
+        """The key of the `choices` that are offered."""
         return "edit" if self.edits_take else "scene" if self.shows_scene else self.stage
 
     @property
@@ -224,12 +224,12 @@ class StageViews:
 
     def fit_transport(self) -> bool:
         """Set the transport's range to the frames of the selected stage; returns whether it changed."""
-        found, player = self.workspace.assessment, self.player
+        assessment, player = self.workspace.assessment, self.player
         trained = player.opened.sources.get(What.TRAINED) if player.opened is not None else None
         if self.edits_take and trained is not None:  # all, so that frames that are trimmed off can be brought back
             return player.span(trained.frame_count, trained.group_starts, trained.fps)
         if self._over_footage:
-            return self.player.span(len(found.numbers), found.group_starts, found.fps)
+            return self.player.span(len(assessment.numbers), assessment.group_starts, assessment.fps)
         return self.player.span_source()
 
     def poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
@@ -251,8 +251,8 @@ class StageViews:
         if self.stage == "review":
             self.player.context = self.workspace.context
         if stage_view is None:
-            found = self.workspace.assessment
-            self.player.filmed_groups = found.group_starts if found.numbers else ()
+            assessment = self.workspace.assessment
+            self.player.filmed_groups = assessment.group_starts if assessment.numbers else ()
             wanted = size if self.player.rests(size) else render_size
             self.player.em = em * wanted[0] / max(size[0], 1)  # texts of a smaller image are enlarged with it
             self.player.resize(*wanted)
@@ -271,7 +271,7 @@ class StageViews:
         opened, filmed = self.player.opened, self.workspace.assessment.numbers
         trained = opened.numbers.known if opened is not None and not self._over_footage else ()
         of = (trained, filmed, self.player.transport)
-        if any(one is not other for one, other in zip(of, self._numbered, strict=True)):
+        if any(now is not other for now, other in zip(of, self._numbered, strict=True)):
             self._numbered = of
             numbers = FrameNumbers((*trained, *filmed[len(trained) :]))
             self.player.transport.numbers = self.editor.numbers = self.bake.numbers = numbers

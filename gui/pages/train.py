@@ -31,7 +31,7 @@ NOT_RUN = "no values yet"
 
 
 class TrainView(StageView):
-    """See the module."""
+    """The curves of the run, and its newest render beside the footage."""
 
     modes = (ViewMode.PROGRESS, ViewMode.CAMERA_COLORS)  # the last is `CameraColorsView`'s
 

@@ -17,7 +17,7 @@ _Event = ctypes.c_ulong * 24
 
 
 class Clipboard(Connection):
-    """See the module. Call `poll` at each tick. What was copied is gone after `close`."""
+    """Puts text on the clipboard. Call `poll` at each tick. What was copied is gone after `close`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class Clipboard(Connection):
         self._window = x.XCreateSimpleWindow(self._display, x.XDefaultRootWindow(self._display), 0, 0, 1, 1, 0, 0, 0)
         names = ("CLIPBOARD", "UTF8_STRING", "TARGETS", "V3_STUDIO_PASTE")
         self._clipboard, self._utf8, self._targets, self._place = (
-            x.XInternAtom(self._display, one.encode(), 0) for one in names
+            x.XInternAtom(self._display, name.encode(), 0) for name in names
         )
 
     def copy(self, text: str) -> bool:
@@ -49,7 +49,7 @@ class Clipboard(Connection):
 
     def poll(self) -> str | None:
         """Answer other programs; return the text asked for: "" if the clipboard has none, None if it has not come."""
-        found = None
+        text = None
         if not self._display:
             return None
         while self._x.XPending(self._display):
@@ -61,8 +61,8 @@ class Clipboard(Connection):
             elif kind == _SELECTION_REQUEST:
                 self._answer(*event[5:10])
             elif kind == _SELECTION_NOTIFY:
-                found = self._pasted() if event[7] else ""  # the property
-        return found
+                text = self._pasted() if event[7] else ""  # the property
+        return text
 
     def _answer(self, requestor: int, selection: int, target: int, place: int, time: int) -> None:
         """Answer a request. `place`: its property."""
@@ -84,7 +84,7 @@ class Clipboard(Connection):
     def _pasted(self) -> str:
         kind, size, count, rest = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_ulong(), ctypes.c_ulong()
         data = ctypes.c_void_p()
-        places = [ctypes.byref(one) for one in (kind, size, count, rest, data)]
+        places = [ctypes.byref(place) for place in (kind, size, count, rest, data)]
         self._x.XGetWindowProperty(self._display, self._window, self._place, 0, _LONGEST // 4, 1, 0, *places)
         if not data.value:
             return ""

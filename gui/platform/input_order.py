@@ -103,8 +103,8 @@ class Order:
 
 
 class InputOrder(Connection):
-    """See the module. Call `poll` at each tick. `window`: the X window of the toolkit; None for none, and then nothing
-    has an effect. The child window goes with `close`."""
+    """Passes input on in order. Call `poll` at each tick. `window`: the X window of the toolkit; with None, nothing has
+    an effect. The child window goes with `close`."""
 
     def __init__(self, window: int | None) -> None:
         super().__init__(window is not None and os.environ.get(PLAIN) != "1")
@@ -171,29 +171,29 @@ class InputOrder(Connection):
                 self._note(event)
         return {event.kind for event in events}
 
-    def _note(self, one: Input | None) -> None:
+    def _note(self, item: Input | None) -> None:
         """Note a key that was passed on."""
-        if one is None:
+        if item is None:
             return
-        if one.kind == "key":
-            self.pressed(one.code)
+        if item.kind == "key":
+            self.pressed(item.code)
             self._typing = True
-            control, shift = bool(one.event.state & _CONTROL), bool(one.event.state & _SHIFT)
-            self.reports.press(Press(one.code, one.repeated, control, shift))
-        elif one.kind == "key up" and one.code == ESCAPE:
+            control, shift = bool(item.event.state & _CONTROL), bool(item.event.state & _SHIFT)
+            self.reports.press(Press(item.code, item.repeated, control, shift))
+        elif item.kind == "key up" and item.code == ESCAPE:
             self.reports.escape_released()
 
     def _of_earlier(self) -> list[Input]:
-        """Take the releases out of what is kept whose presses are not in it."""
+        """Take out the kept releases of keys whose presses are not kept."""
         pressed: set[int] = set()
-        found: list[Input] = []
+        orphans: list[Input] = []
         kept: list[Input] = []
-        for one in self._kept:
-            if one.kind == "key":
-                pressed.add(one.code)
-            (found if one.kind == "key up" and one.code not in pressed else kept).append(one)
+        for item in self._kept:
+            if item.kind == "key":
+                pressed.add(item.code)
+            (orphans if item.kind == "key up" and item.code not in pressed else kept).append(item)
         self._kept = kept
-        return found
+        return orphans
 
     def _read(self) -> Iterator[Input]:
         while self._x.XPending(self._display):
@@ -208,39 +208,39 @@ class InputOrder(Connection):
                 typed = self._x.XLookupKeysym(ctypes.byref(event), 0) not in _NAMED and not event.state & _CONTROL
             yield Input(kind, 0 if kind == "move" else event.code, typed, repeated, event)
 
-    def _is_meant(self, one: Input) -> bool:
+    def _is_meant(self, item: Input) -> bool:
         """False for repeats of a key that was down when a dialog began to open, such as the one that opened it."""
-        if one.kind == "key up":
-            self._down.discard(one.code)
-            self._stale.discard(one.code)
-        elif one.kind == "key":
-            self._down.add(one.code)
-            return one.code not in self._stale
+        if item.kind == "key up":
+            self._down.discard(item.code)
+            self._stale.discard(item.code)
+        elif item.kind == "key":
+            self._down.add(item.code)
+            return item.code not in self._stale
         return True
 
-    def _is_wanted(self, one: Input) -> bool:
-        if one.kind in ("move", "press", "release"):
-            self.pointer = one.event.x, one.event.y
-            self._note_buttons(one)
-        if one.kind == "release" and one.code in self._dropped:
-            self._dropped.discard(one.code)
+    def _is_wanted(self, item: Input) -> bool:
+        if item.kind in ("move", "press", "release"):
+            self.pointer = item.event.x, item.event.y
+            self._note_buttons(item)
+        if item.kind == "release" and item.code in self._dropped:
+            self._dropped.discard(item.code)
             return False
-        if one.kind in ("move", "press") and not self.wanted(one.kind, one.code, one.event.x, one.event.y):
-            self._dropped.add(one.code)
+        if item.kind in ("move", "press") and not self.wanted(item.kind, item.code, item.event.x, item.event.y):
+            self._dropped.add(item.code)
             return False
         return True
 
-    def _note_buttons(self, one: Input) -> None:
-        bit = 1 << one.code + 7 if one.code in (1, 2, 3) else 0  # Button1Mask and so on; a move has no code
-        before = one.event.state & BUTTONS
-        self.buttons = before & ~bit if one.kind == "release" else before | bit
+    def _note_buttons(self, item: Input) -> None:
+        bit = 1 << item.code + 7 if item.code in (1, 2, 3) else 0  # Button1Mask and so on; a move has no code
+        before = item.event.state & BUTTONS
+        self.buttons = before & ~bit if item.kind == "release" else before | bit
 
-    def _send(self, one: Input | None) -> None:
+    def _send(self, item: Input | None) -> None:
         """Pass an event on to the toolkit; None for a request to draw."""
-        if one is None:
+        if item is None:
             event, mask = InputEvent(type=EXPOSE), EXPOSURE_MASK
         else:
-            event, mask = one.event, _KINDS[one.event.type][1]
+            event, mask = item.event, _KINDS[item.event.type][1]
             event.subwindow = 0
         event.window, event.display = self._window, self._display
         self._x.XSendEvent(self._display, self._window, 0, mask, ctypes.byref(event))

@@ -12,7 +12,7 @@ _TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
 
 
 class MenuBar:
-    """See the module. Tell it of all moves and presses, in order. `boxes`: (width, height) of the menus, pixels.
+    """The open menu. Tell it of all moves and presses, in order. `boxes`: (width, height) of the menus, pixels.
     `height`: returns the height of the bar, pixels; 0 while it is hidden."""
 
     def __init__(self, em: float, boxes: Sequence[tuple[float, float]], height: Callable[[], float]) -> None:

@@ -54,7 +54,7 @@ class Press(NamedTuple):
 
 
 class Chords:
-    """See the module. Give it every key event."""
+    """The modifiers that are held. Give it every key event."""
 
     def __init__(self) -> None:
         self._held: set[object] = set()
@@ -97,7 +97,7 @@ class Chords:
 
 
 class KeyReports:
-    """See the module. Call `tick` at each tick."""
+    """Matches what the toolkit reports with the presses that it was passed. Call `tick` at each tick."""
 
     def __init__(self) -> None:
         self.dialog = False  # whether a dialog is open; the window sets it
@@ -138,7 +138,9 @@ class KeyReports:
         for number, (_, press, _) in enumerate(self._unheard):
             if code in (None, press.code):
                 # a text field kept those before it; Escape in a dialog still has to close it
-                self._unheard[: number + 1] = [one for one in self._unheard[: number + 1] if one[2] and code != ESCAPE]
+                self._unheard[: number + 1] = [
+                    unheard for unheard in self._unheard[: number + 1] if unheard[2] and code != ESCAPE
+                ]
                 return True, press
         return self._tick >= (self._last_escape if code == ESCAPE else self._last) + SETTLED, None
 
@@ -146,7 +148,7 @@ class KeyReports:
         """Whether the toolkit has kept a press of Escape in the open dialog to itself; True once for each press.
         Without a dialog nobody would act on it, and a report that comes late still counts."""
         late = self._tick - PATIENCE
-        kept = next((one for one in self._unheard if one[2] and one[0] <= late), None)
+        kept = next((unheard for unheard in self._unheard if unheard[2] and unheard[0] <= late), None)
         if not self.dialog or kept is None:
             return False
         self._unheard.remove(kept)

@@ -25,8 +25,8 @@ def fitting_size(size: tuple[int, int]) -> tuple[int, int]:
 
 def scale_of(resources: str) -> float:
     """Font scale relative to 96 dpi, from the X resources (`Xft.dpi`); at least 1."""
-    found = re.search(r"^Xft\.dpi:\s*([0-9]+\.?[0-9]*)\s*$", resources, re.MULTILINE)
-    return max(float(found[1]) / USUAL_DPI, 1.0) if found else 1.0
+    match = re.search(r"^Xft\.dpi:\s*([0-9]+\.?[0-9]*)\s*$", resources, re.MULTILINE)
+    return max(float(match[1]) / USUAL_DPI, 1.0) if match else 1.0
 
 
 def current_screen() -> tuple[int, int, str] | None:

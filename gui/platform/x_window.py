@@ -22,7 +22,7 @@ class SizeHints(ctypes.Structure):
 
 
 class XDisplay(Connection):
-    """See the module."""
+    """The display and its window, where they are known."""
 
     @property
     def buttons(self) -> int:
@@ -30,8 +30,8 @@ class XDisplay(Connection):
         if not self._display:
             return 0
         window, number, mask = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_uint()
-        root, one = self._x.XDefaultRootWindow(self._display), ctypes.byref(number)
-        places = (ctypes.byref(window), ctypes.byref(window), one, one, one, one)
+        root, unused = self._x.XDefaultRootWindow(self._display), ctypes.byref(number)
+        places = (ctypes.byref(window), ctypes.byref(window), unused, unused, unused, unused)
         self._x.XQueryPointer(self._display, root, *places, ctypes.byref(mask))
         return mask.value & BUTTONS
 
@@ -75,7 +75,7 @@ class XDisplay(Connection):
     def _number(self, window: int, atom: int) -> int | None:
         kind, size, count, rest = ctypes.c_ulong(), ctypes.c_int(), ctypes.c_ulong(), ctypes.c_ulong()
         data = ctypes.POINTER(ctypes.c_ulong)()
-        places = [ctypes.byref(one) for one in (kind, size, count, rest, data)]
+        places = [ctypes.byref(place) for place in (kind, size, count, rest, data)]
         self._x.XGetWindowProperty(self._display, window, atom, 0, 1, 0, _CARDINAL, *places)
         if not data:
             return None
@@ -85,12 +85,12 @@ class XDisplay(Connection):
 
     def _children(self, window: int) -> list[int]:
         root, parent, count = ctypes.c_ulong(), ctypes.c_ulong(), ctypes.c_int()
-        found = ctypes.POINTER(ctypes.c_ulong)()
-        places = [ctypes.byref(one) for one in (root, parent, found, count)]
-        if not self._x.XQueryTree(self._display, window, *places) or not found:
+        listed = ctypes.POINTER(ctypes.c_ulong)()
+        places = [ctypes.byref(place) for place in (root, parent, listed, count)]
+        if not self._x.XQueryTree(self._display, window, *places) or not listed:
             return []
-        children = [int(found[number]) for number in range(count.value)]
-        self._x.XFree(found)
+        children = [int(listed[number]) for number in range(count.value)]
+        self._x.XFree(listed)
         return children
 
     def send(self, window: int, events: Sequence[tuple[InputEvent, int]]) -> None:

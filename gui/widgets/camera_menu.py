@@ -11,7 +11,7 @@ Item = tuple[str, str, Callable[[], object]]  # key, label, action
 
 
 class CameraMenu:
-    """See the module. The toolkit has no context menus, so this is a widget over the viewport."""
+    """A menu as a widget over the viewport: the toolkit has no context menus."""
 
     def __init__(self, em: float, changed: Callable[[], None]) -> None:
         self._em, self._changed = em, changed

@@ -33,12 +33,12 @@ def search(commands: Sequence[Command], typed: str) -> list[Command]:
         words = command.words.casefold()
         return 0 if words.startswith(typed) else 1 if f" {typed}" in f" {words}" else 2
 
-    found = [
+    matches = [
         command
         for command in commands
         if all(part in f"{command.menu} {command.words}".casefold() for part in typed.split())
     ]
-    return sorted(found, key=rank) if typed else found
+    return sorted(matches, key=rank) if typed else matches
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class CommandList:
         return self.found[self.at] if self.at < len(self.found) else None
 
     def moved(self, rows: int) -> CommandList:
-        """With another one selected, within the list. It scrolls only as far as that one needs to be in view."""
+        """The list with another command selected, scrolled as far as that needs to be in view."""
         at = min(max(self.at + rows, 0), max(len(self.found) - 1, 0))
         return CommandList(self.found, at, min(max(self.first, at - ROWS + 1), at))
 

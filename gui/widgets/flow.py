@@ -7,7 +7,7 @@ from open3d.visualization import gui
 
 
 class Flow:
-    """See the module. Open3D's rows clip what does not fit. Hidden widgets take no room."""
+    """A row that wraps: Open3D's rows clip what does not fit. Hidden widgets take no room."""
 
     def __init__(self, gap: float, line: float) -> None:
         self.widget = gui.Widget()
@@ -43,7 +43,7 @@ class Flow:
         """Each line's widgets with their left end, width, and whether they are right-aligned."""
         # hidden ones count, so that the others keep their places
         at_right = np.logical_or.accumulate([right for _, _, right in self._items])
-        right = [bool(one) for one, item in zip(at_right, self._items, strict=True) if item[0].visible]
+        right = [bool(is_right) for is_right, item in zip(at_right, self._items, strict=True) if item[0].visible]
         shown = [item for item in self._items if item[0].visible]
         free = gui.Widget.Constraints()
         wides = [min(widget.calc_preferred_size(context, free).width, width) for widget, _, _ in shown]
@@ -63,8 +63,8 @@ def _down(widget: gui.Widget, line: float, context: gui.LayoutContext) -> int:
 def flow_lines(
     wides: Sequence[float], befores: Sequence[float], width: float, gap: float
 ) -> list[list[tuple[int, float]]]:
-    """Index and left end of what is in each line; at least one line. What has extra room before it begins a group,
-    which is not divided if a line can hold it."""
+    """Index and left end of the items in each line; at least one line. Extra room before an item begins a group, which
+    is not divided if a line can hold it."""
     lines: list[list[tuple[int, float]]] = [[]]
     x = 0.0
     for number, (wide, before) in enumerate(zip(wides, befores, strict=True)):

@@ -17,7 +17,7 @@ Box = tuple[int, int, int, int]  # left, top, width, height; pixels
 
 
 class Hints:
-    """See the module. Where the pointer cannot be followed (`follows`), these are tooltips of the toolkit. An image,
+    """Shows the hint of a button; the toolkit's tooltips do where the pointer cannot be followed (`follows`). An image,
     because the toolkit makes no label with a background less than 32 pixels high."""
 
     def __init__(self, follows: bool, em: float) -> None:
@@ -45,7 +45,7 @@ class Hints:
         self.listing = not self.listing and any(widget.visible and holds(widget, x, y) for widget in lists)
 
     def update(self, pointer: tuple[int, int] | None, hidden: bool) -> bool:
-        """Show the hint of what the pointer, in window pixels, rests on; returns whether a layout is needed."""
+        """Show the hint of the button under a resting pointer, window pixels; returns whether a layout is needed."""
         over = self._at(*pointer) if pointer is not None else None
         if over is not self._clicked:
             self._clicked = None
@@ -64,8 +64,8 @@ class Hints:
         self.text, self._over, self.picture.widget.visible = "", None, False
 
     def _at(self, x: int, y: int) -> gui.Widget | None:
-        shown = (one for one, (row, text) in self._texts.items() if text and one.visible and row.visible)
-        return next((one for one in shown if holds(one, x, y)), None)
+        shown = (widget for widget, (row, text) in self._texts.items() if text and widget.visible and row.visible)
+        return next((widget for widget in shown if holds(widget, x, y)), None)
 
     def place(self, view: Box) -> None:
         """Place the hint beside the buttons of its row if there is room, which covers nothing; else over the view
@@ -95,14 +95,14 @@ class Hints:
     def _gaps(self, over: gui.Widget, gap: int) -> list[tuple[int, int]]:
         """Columns of the line of a widget that none takes in its row, from left to right."""
         line, row = over.frame, self._texts[over][0].frame
-        left, found = row.x, []
-        beside = [one for one, (row, _) in self._texts.items() if row is self._texts[over][0]]
+        left, gaps = row.x, []
+        beside = [widget for widget, (row, _) in self._texts.items() if row is self._texts[over][0]]
         frames = [widget.frame for widget in beside if widget.visible]
-        for frame in sorted(frames, key=lambda one: one.x):
+        for frame in sorted(frames, key=lambda frame: frame.x):
             if frame.y < line.y + line.height and line.y < frame.y + frame.height:
-                found.append((left, frame.x - gap))
+                gaps.append((left, frame.x - gap))
                 left = max(left, frame.x + frame.width + gap)
-        return [*found, (left, row.x + row.width)]
+        return [*gaps, (left, row.x + row.width)]
 
     def _draw(self, lines: list[str], x: int, y: int, wide: int, high: int) -> None:
         em = self._em

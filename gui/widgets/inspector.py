@@ -24,13 +24,13 @@ TOOLTIPS = {  # of buttons in the log, by whether they change a setting
 }
 
 EDGE_TOOLTIPS = {False: "Drag to resize the log; click to enlarge it (J)", True: "Click to make it small again (J)"}
-"""Of the heading of the log, by whether it is large."""
+"""Tooltips of the heading of the log, by whether it is large."""
 
 STILL = 3  # pixels that the pointer may move during a click
 
 
 class InspectorPanel:
-    """See the module."""
+    """Shows the figures and the log, whose edge can be dragged."""
 
     def __init__(
         self,

@@ -17,7 +17,7 @@ WIDEST, MOST_LINES = 48.0, 12  # width of the bar in em, and lines of a message
 
 
 class NoticeBar:
-    """See the module."""
+    """Shows the notice in front, with its buttons."""
 
     def __init__(self, notices: Notices, em: float, clipboard: Clipboard, changed: Callable[[], None]) -> None:
         self._notices, self._em, self._clipboard, self._changed = notices, em, clipboard, changed
@@ -70,13 +70,13 @@ class NoticeBar:
             self._opener.open(path)
 
     def open_folder(self) -> None:
-        """Show the folder of what was written."""
+        """Open the folder of the file that was written."""
         card = self._notices.card
         if card is not None and card.path is not None:
             self._open(card.path if card.path.is_dir() else card.path.parent)
 
     def copy(self) -> None:
-        """Copy the path of what was written, or the text of a failure."""
+        """Copy the path of the file that was written, or the text of a failure."""
         card = self._notices.card
         if card is None or not self.copied(str(card.path) if card.path is not None else card.text):
             return

@@ -61,14 +61,14 @@ class PathList:
 
     def _buttons(self) -> list[tuple[float, float, float]]:
         """Left, top and width of each of `BUTTONS`, in lines."""
-        found, x, y = [], 0.6 * self.em, 2.3 * self.em
+        places, x, y = [], 0.6 * self.em, 2.3 * self.em
         for _, label in BUTTONS:
             wide = text_width(label, round(0.9 * self.em)) + 1.1 * self.em
             if x + wide > self.width - 0.6 * self.em:
                 x, y = 0.6 * self.em, y + 1.95 * self.em
-            found.append((x, y, wide))
+            places.append((x, y, wide))
             x += wide + 0.35 * self.em
-        return found
+        return places
 
     @property
     def _top(self) -> float:
@@ -153,7 +153,7 @@ class PathList:
 
 
 class PathPanel:
-    """See the module. `act`: called with what was clicked, a key of `HINTS`, and the view or -1."""
+    """Shows the views of the camera path. `act`: called with a key of `HINTS` for a click, and the view or -1."""
 
     def __init__(
         self, em: float, editor: PathEditor, act: Callable[[str, int], None], changed: Callable[[], None]
@@ -173,7 +173,7 @@ class PathPanel:
         editor, size = self._editor, self.picture.size
         state = (
             size, editor.keys, editor.selected, editor.error, previewing, self._down,
-            [id(one) for one in thumbnails],
+            [id(thumbnail) for thumbnail in thumbnails],
         )  # fmt: skip
         if state == self._drawn:
             return False
@@ -190,11 +190,11 @@ class PathPanel:
             self._down = min(max(self._down - 2 * self._em * event.wheel_dy, 0.0), most)
             self._changed()
             return True
-        found = self.list.areas.at(x, y)
+        hit = self.list.areas.at(x, y)
         if event.type == kind.MOVE:
-            self.picture.widget.tooltip = HINTS[found[0]] if found is not None else ""
-        if event.type != kind.BUTTON_DOWN or found is None:
+            self.picture.widget.tooltip = HINTS[hit[0]] if hit is not None else ""
+        if event.type != kind.BUTTON_DOWN or hit is None:
             return False
-        self._act(*found)
+        self._act(*hit)
         self._changed()
         return True

@@ -130,13 +130,13 @@ class ImagePanel:
         self._exact = None
         if pixels.shape != self._shape:  # another size needs another texture
             self._shape = pixels.shape
-            found = self._images.get(pixels.shape)
-            if found is None:
-                found = gui.UIImage(as_image(pixels ^ _random.integers(0, 2, pixels.shape, np.uint8)))
-                found.scaling = gui.UIImage.Scaling.ANY
+            image = self._images.get(pixels.shape)
+            if image is None:
+                image = gui.UIImage(as_image(pixels ^ _random.integers(0, 2, pixels.shape, np.uint8)))
+                image.scaling = gui.UIImage.Scaling.ANY
                 self._exact, self._draws = pixels, DRAWS_BEFORE_EXACT
-                self._images[pixels.shape] = found
-            self.widget.ui_image = found
+                self._images[pixels.shape] = image
+            self.widget.ui_image = image
         if self._exact is None:
             self.widget.update_image(as_image(pixels))
 

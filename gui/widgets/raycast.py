@@ -31,13 +31,13 @@ class RaycastMesh:
         rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
             o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
         )
-        found = self._scene.cast_rays(rays)
-        depth = found["t_hit"].numpy()  # the rays are 1 long along the viewing axis
+        hits = self._scene.cast_rays(rays)
+        depth = hits["t_hit"].numpy()  # the rays are 1 long along the viewing axis
         hit = np.isfinite(depth)
         pixels = np.empty((camera.height, camera.width, 3), np.uint8)
         pixels[:] = GROUND
-        corners = self._triangles[found["primitive_ids"].numpy()[hit]]
-        u, v = found["primitive_uvs"].numpy()[hit].T
+        corners = self._triangles[hits["primitive_ids"].numpy()[hit]]
+        u, v = hits["primitive_uvs"].numpy()[hit].T
         weights = np.stack([1 - u - v, u, v], axis=1)
         normals = (self._normals[corners] * weights[..., None]).sum(axis=1)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

@@ -42,8 +42,8 @@ class SettingActions:
 
 
 class SettingsList:
-    """See the module. `edited`: the last press was on the fields, so that letters are meant for them. `camera_file`:
-    name of the calibration file that is used; "" if there is none."""
+    """The settings of a stage. `edited`: the last press was on the fields, so that letters are meant for them.
+    `camera_file`: name of the calibration file that is used; "" if there is none."""
 
     def __init__(self, stage: str, em: float, actions: SettingActions, estimates: Estimates) -> None:
         self._em, self._actions, self._estimates = em, actions, estimates
@@ -91,15 +91,14 @@ class SettingsList:
     def widgets(self) -> dict[str, gui.Widget]:
         """What can be pressed besides the fields, by name."""
         heads = {"preset": self.preset, "estimate": self.estimate} if self._has_presets else {}
-        found = {**heads, "all settings": self.all, "reset settings": self.reset_all}
+        widgets = {**heads, "all settings": self.all, "reset settings": self.reset_all}
         for name, (_, editor, _, reset) in self._rows.items():
-            found |= {f"{key} {name}": button for key, button in {**editor.buttons, "reset": reset}.items()}
-        return found
+            widgets |= {f"{key} {name}": button for key, button in {**editor.buttons, "reset": reset}.items()}
+        return widgets
 
     @property
     def lists(self) -> list[gui.Widget]:
-        """Where a click may open a list: anywhere in the rows if one has a list, as they do not tell how far they are
-        scrolled."""
+        """The widgets on which a click may open a list: all rows if any has one, as their scrolling is not known."""
         rows = any(isinstance(row[1].widget, gui.Combobox) for row in self._rows.values())
         heads = [self.preset] if self._has_presets else []
         return [*heads, *([self._scroll] if rows else [])] if self.widget.visible else []
@@ -158,12 +157,13 @@ class SettingsList:
         self._rows.clear()
         rows = gui.Vert(round(0.25 * self._em))
         heading = ""
-        found = matching(self._fields, self._typed)
+        fields = matching(self._fields, self._typed)
         if not self._typed.strip() and not self.all.checked:
-            found = [field for field in found if field.basic and not (self._stage == "calibrate" and self.camera_file)]
-        beside = [text_room(field.label, self._em) for field in found if not _below(field, self._em)]
+            hidden = self._stage == "calibrate" and self.camera_file
+            fields = [field for field in fields if field.basic and not hidden]
+        beside = [text_room(field.label, self._em) for field in fields if not _below(field, self._em)]
         room = max(beside, default=0.0)
-        for field in found:
+        for field in fields:
             if field.heading != heading:
                 heading = field.heading
                 title = make_label("\n".join(textwrap.wrap(heading, 32)), ACCENT)
@@ -173,7 +173,7 @@ class SettingsList:
                 near.add_child(title)
                 rows.add_child(near)
             self._add(rows, field, round(room + 0.5 * self._em))
-        if not found:
+        if not fields:
             given = f"Cameras from {self.camera_file}.\nTo calibrate instead, set the\ncamera file in Capture to none."
             given = given if self.camera_file and not self._typed.strip() else "No matching settings."
             rows.add_child(gui.Label(given))

@@ -95,14 +95,14 @@ HELP: Mapping[str, StageHelp] = {  # by key of `TITLES`
 def help_image(stage: str, width: int, em: float) -> np.ndarray:
     """(H, width, 3) uint8: the sentences above the images that there are, drawn at the window's font size. `stage`: a
     key of `HELP`."""
-    found, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
+    topic, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
     step = line_height(size)
-    points = [wrapped(point, size, width - 1.2 * em) for point in found.points]
+    points = [wrapped(point, size, width - 1.2 * em) for point in topic.points]
     each = (width - em) / 2
     read = {kind: cv2.imread(str(path)) for kind in KINDS for path in PICTURES.glob(f"{stage}_{kind}.jpg")}
     pictures = {kind: pixels[..., ::-1] for kind, pixels in read.items() if pixels is not None}
-    high = max((each * one.shape[0] / one.shape[1] for one in pictures.values()), default=0.0)
-    captions = {kind: wrapped(getattr(found, kind), small, each) for kind in pictures}
+    high = max((each * picture.shape[0] / picture.shape[1] for picture in pictures.values()), default=0.0)
+    captions = {kind: wrapped(getattr(topic, kind), small, each) for kind in pictures}
     below = max(map(len, captions.values()), default=0) * line_height(small)
     above = sum(map(len, points)) * step + 0.35 * em * len(points)
     canvas = Canvas(width, above + 0.4 * em + step + high + 0.3 * em + below, DIALOG)

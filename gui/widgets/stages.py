@@ -32,7 +32,7 @@ GRIP = 0.55  # width in em of the edge that is dragged to make the panel wider o
 
 
 class StagesPanel:
-    """See the module. `run`: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
+    """The left panel. `run`: called with a stage's key ("all" for all stages) and whether to rerun a finished stage.
     `pick`: called with a setting whose file or folder is to be chosen in a dialog. `widen`: called while the panel's
     right edge is dragged, with the column of the window and whether that was all. `show_help`: called when help on the
     selected stage is wanted. `guard`: notified when Run and Run all take turns with Pause and Cancel."""
@@ -156,10 +156,10 @@ class StagesPanel:
         """Set a setting to a text, as if it were typed."""
         self._write(lambda: {field.name: field.parsed(text)}, edited=field.name)
 
-    def _write(self, values: Callable[[], Mapping[str, object]], words: str = "", edited: str = "") -> None:
+    def _write(self, settings: Callable[[], Mapping[str, object]], words: str = "", edited: str = "") -> None:
         refusal = None
         try:
-            self._workspace.change_settings(values(), words)
+            self._workspace.change_settings(settings(), words)
         except StudioError as error:
             refusal = error
         self._refuse(refusal, edited)

@@ -10,7 +10,7 @@ REST = 0.7  # distance in em up to which a pointer counts as resting
 
 
 class SwapGuard:
-    """See the module. `pointer`: its position in the window, pixels; None: not known, and nothing is refused."""
+    """Refuses clicks meant for another button. `pointer`: its position in the window, pixels; None: refuses nothing."""
 
     def __init__(self, pointer: Callable[[], tuple[int, int] | None], em: float) -> None:
         self._pointer, self._rest = pointer, REST * em

@@ -90,7 +90,7 @@ class TimelinePanel:
         view, size = self.plots_view, self._picture_size
         frames = [slot.frame for slot in slots(view.timeline, size[0])] if has_pictures(self._player) else []
         pictures = self.filmstrip.pictures(self._player, frames, size, self.busy)
-        drawn = tuple((one, id(found)) for one, found in pictures.items())
+        drawn = tuple((shown, id(picture)) for shown, picture in pictures.items())
         below = (drawn, view, id(self.plots), self.marks, self._keys)
         if time.monotonic() > self._hover_until:
             self._hover = None

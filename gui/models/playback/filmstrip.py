@@ -39,8 +39,8 @@ def slots(timeline: Timeline, width: int) -> list[Slot]:
     begin = timeline.zoom.first
     first = max(math.floor(begin / step) * step, 0)
     last = min(math.ceil(begin + timeline.shown), timeline.frame_count)
-    found = (Slot(frame, (frame - begin) * each, step * each) for frame in range(first, last, step))
-    return [slot for slot in found if -slot.width < slot.x < timeline.width]
+    candidates = (Slot(frame, (frame - begin) * each, step * each) for frame in range(first, last, step))
+    return [slot for slot in candidates if -slot.width < slot.x < timeline.width]
 
 
 def draw_strip(timeline: Timeline, size: Size, pictures: Mapping[int, np.ndarray | None]) -> np.ndarray:
@@ -50,7 +50,7 @@ def draw_strip(timeline: Timeline, size: Size, pictures: Mapping[int, np.ndarray
         picture = pictures.get(slot.frame)
         if picture is not None:
             # the ground of the image fills its place, so that the strip has no gaps
-            red, green, blue = (int(one) for one in picture[0, 0])
+            red, green, blue = (int(channel) for channel in picture[0, 0])
             canvas.rect(slot.x, 0, slot.width - 1, size[1], (red, green, blue))
             canvas.image(slot.x + (slot.width - 1 - size[0]) / 2, 0, picture)
     timeline.shade(canvas.pixels)

@@ -77,7 +77,7 @@ class RenderRequest(SceneRequest):
     @property
     def key(self) -> tuple[object, ...]:
         """Equal keys of two requests mean equal images."""
-        same = [id(one) for one in (self.orbit, self.context, self.rig, self.points, *self.sources.values())]
+        same = [id(part) for part in (self.orbit, self.context, self.rig, self.points, *self.sources.values())]
         return (
             same, self.frame, self.number, self.group, self.mode, self.what, self.reference, self.camera, self.parts,
             self.still, self.em, self.image_zoom, self.size, self.background, self.wipe, self.place,

@@ -52,12 +52,12 @@ class OtherSource:
     def series(self, name: str, camera: str = "") -> list[float | None]:
         """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured."""
         count = self._source.frame_count
-        found = self._evaluation.series(name, count, camera)
+        series = self._evaluation.series(name, count, camera)
         if name == "bytes" and not self._evaluation.frames and isinstance(self._source, StreamSource):
             groups = self._source.groups
-            found = [None] * self._source.first
-            found += [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
-        return [found[self.frame_of(frame)] for frame in range(self.frame_count)]
+            series = [None] * self._source.first
+            series += [group.bytes / group.frame_count for group in groups for _ in range(group.frame_count)]
+        return [series[self.frame_of(frame)] for frame in range(self.frame_count)]
 
     def close(self) -> None:
         self._source.close()
@@ -82,5 +82,5 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
         source.fades = False  # both sides of a comparison show everything
     if evaluation is None and opened.take is not None and not measured_earlier_bake(opened.take):
         evaluation = opened.take.evaluation
-    found = Evaluation.read(evaluation) if evaluation is not None else Evaluation()
-    return OtherSource(source, label or opened.title, found)
+    measured = Evaluation.read(evaluation) if evaluation is not None else Evaluation()
+    return OtherSource(source, label or opened.title, measured)

@@ -110,7 +110,7 @@ class PlayerPresenter(Viewpoint):
                 other.close()
             return
         before = self.others
-        kept = [one for one in before if other is not None and one.label != other.label][: len(OTHERS) - 1]
+        kept = [source for source in before if other is not None and source.label != other.label][: len(OTHERS) - 1]
         self.others = [*([other] if other is not None else []), *kept]
         self._span_others()
         self._renderer.forget()
@@ -119,9 +119,9 @@ class PlayerPresenter(Viewpoint):
             self.what = self._wanted = opened.default.name
         if other is None and self.mode not in ALONE and len(self.sources) < 2 and not self.camera:
             self.mode = Mode.SINGLE
-        for one in before:
-            if one not in kept:
-                one.close()
+        for source in before:
+            if source not in kept:
+                source.close()
         self.span_source()
         if other is not None and self.mode in ALONE:
             self.choose_mode(Mode.WIPE)
@@ -378,7 +378,7 @@ class PlayerPresenter(Viewpoint):
     @property
     def rate(self) -> float:
         """Pictures per second over the last two seconds."""
-        recent = [one for one in self._shown if one >= self._now() - 2.0]
+        recent = [shown for shown in self._shown if shown >= self._now() - 2.0]
         return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
 
     @property

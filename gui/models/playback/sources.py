@@ -1,4 +1,4 @@
-"""Where the Gaussians of a frame come from: a baked stream, or a take's trained frames."""
+"""The sources of the Gaussians of a frame: a baked stream, or a take's trained frames."""
 
 import contextlib
 from bisect import bisect_right
@@ -114,12 +114,12 @@ class TrainedSource:
 
     def reach(self) -> np.ndarray:
         """(N, 3) world coordinates of the performer in frames spread over the take, without damaged ones."""
-        found = [np.zeros((0, 3))]
+        points = [np.zeros((0, 3))]
         files = list(self._files.values())
         for at in sorted({round(x) for x in np.linspace(0, len(files) - 1, REACH_FRAMES)}):
             with contextlib.suppress(StudioError):
-                found.append(thinned(read_frame(files[at])))
-        return np.concatenate(found)
+                points.append(thinned(read_frame(files[at])))
+        return np.concatenate(points)
 
     def close(self) -> None:
         self._cache.clear()

@@ -18,8 +18,8 @@ PEAKS = 4096  # parts of a waveform, more than a timeline has columns
 
 
 class StreamAudio:
-    """See the module. Attributes are set by its thread, in one piece each: `player` and `waveform` (for the timeline)
-    are None until they are loaded. Frames are those of the source; those before a take's in point are silent."""
+    """The sound of a stream. Its thread sets each attribute at once: `player` and `waveform` (for the timeline) are
+    None until they are loaded. Frames are counted as in the source; those before a take's in point are silent."""
 
     def __init__(self, source: StreamSource | CastFrames, output: SoundDevice) -> None:
         self.frame_count, self.fps = source.frame_count, source.fps
@@ -82,14 +82,14 @@ def peaks_of(sound: Pcm, seconds: float, stop: threading.Event, parts: int = PEA
     """The lowest and highest sample, (N, 2) float32, in at most `parts` equal parts of `seconds`; None if stopped."""
     total = max(round(seconds * sound.sample_rate), 1)
     edges = np.linspace(0, total, min(parts, total) + 1).astype(int)
-    found = np.zeros((len(edges) - 1, 2), np.float32)
-    step = max(sound.sample_rate * len(found) // total, 1)  # about a second at once
-    for start in range(0, len(found), step):
+    peaks = np.zeros((len(edges) - 1, 2), np.float32)
+    step = max(sound.sample_rate * len(peaks) // total, 1)  # about a second at once
+    for start in range(0, len(peaks), step):
         if stop.is_set():
             return None
-        end = min(start + step, len(found))
+        end = min(start + step, len(peaks))
         block = sound.read(int(edges[start]), int(edges[end] - edges[start]))
         starts = edges[start:end] - edges[start]
-        found[start:end, 0] = np.minimum.reduceat(block.min(axis=1), starts)
-        found[start:end, 1] = np.maximum.reduceat(block.max(axis=1), starts)
-    return found
+        peaks[start:end, 0] = np.minimum.reduceat(block.min(axis=1), starts)
+        peaks[start:end, 1] = np.maximum.reduceat(block.max(axis=1), starts)
+    return peaks

@@ -19,7 +19,7 @@ CACHE_BYTES = 512 * 1024 * 1024  # of frames that are kept
 
 
 class StreamSource:
-    """See the module. StudioError if it is not a stream, or the manifest is damaged.
+    """The frames of a baked stream. StudioError if it is not a stream, or the manifest is damaged.
 
     `in_take`: whether frames are counted, and splats placed, as in the take that the stream was baked from, whose edits
     may have trimmed and moved it: then `first` may be above 0, and `frame_count` has the frames before it, too.
@@ -36,14 +36,14 @@ class StreamSource:
         self.suggested_camera = self._metadata.suggested_camera  # the first view; None if there is none
         self.first, back = 0, Similarity()
         if in_take:
-            found = capture_place(self._reader)
-            self.first, back = found.first_frame, found.world.inverse
+            place_in_take = capture_place(self._reader)
+            self.first, back = place_in_take.first_frame, place_in_take.world.inverse
         self.frame_count = self.first + self._reader.frame_count
         self.group_starts: Sequence[int] = [self.first + start for start in self._reader.index.starts]
         self._frames = StreamFrames(self._reader, CACHE_BYTES, loop=True, finish=lambda splats: placed(splats, back))
 
     def gaussians(self, frame: int) -> Gaussians:
-        """See `FrameSource`. Raises LeftOut: the frame's group is damaged; other groups can be played."""
+        """The splats of a frame. Raises LeftOut: the frame's group is damaged; other groups can be played."""
         if frame < self.first:
             raise LeftOut("playback.trimmed", "trimmed off: the stream does not have it", frame=frame)
         return self._frames.get(frame - self.first).gaussians
@@ -59,7 +59,7 @@ class StreamSource:
 
     @property
     def view_range(self) -> ViewRange | None:
-        """From where the stream can be looked at, if views from elsewhere are to be faded."""
+        """The views from which the stream was filmed, if others are to be faded."""
         return self._metadata.view_range if self.fades else None
 
     def close(self) -> None:

@@ -89,8 +89,8 @@ class Timeline:
     def span(self, frame: int) -> tuple[int, int]:
         """First column of a frame and the column after its last one; at least one column where there is room."""
         left, right = (
-            min(max(math.ceil((one - self.zoom.first) * self.width / self.shown - 1e-9), 0), self.width)
-            for one in (frame, frame + 1)
+            min(max(math.ceil((edge - self.zoom.first) * self.width / self.shown - 1e-9), 0), self.width)
+            for edge in (frame, frame + 1)
         )
         return left, max(right, min(left + self.shows(frame), self.width))
 

@@ -85,14 +85,14 @@ def plots_of(
 ) -> tuple[Plot, ...]:
     """The plots of a take that have values. `whose`: camera or cameras of the quality; `short`: in fewer words."""
     *measured, size, flicker = ((series.get(name, ()), (other or {}).get(name, ())) for name in PLOTTED)
-    kilobytes, others = ([None if one is None else one / 1000 for one in values] for values in size)
+    kilobytes, others = ([None if value is None else value / 1000 for value in sizes] for sizes in size)
 
     def quality(metric: Metric, kind: str, own: Values, other: Values) -> Plot:
         title = f"{metric.title} {kind}, "
         return Plot(title + whose, own, _KINDS[kind], metric.unit, other=other, short=title + (short or whose))
 
     plots = (
-        *(quality(*one, *values) for one, values in zip(_QUALITY.values(), measured, strict=True)),
+        *(quality(*metric, *pair) for metric, pair in zip(_QUALITY.values(), measured, strict=True)),
         Plot(f"KB per frame{of or ', group mean'}", kilobytes, SECOND, "KB", bars=True, other=others),
         Plot(f"{FLICKER.title.capitalize()}{of}", flicker[0], ACCENT, "/255", bars=True, other=flicker[1]),
     )
@@ -182,8 +182,8 @@ class TimelinePlots:
         canvas = Canvas.of(base.copy())
         timeline = self.timeline
         canvas.image(self.left, self._track, timeline.picture(frame))
-        for one in self.numbered:
-            middle = self.left + sum(timeline.span(one)) // 2
+        for marked in self.numbered:
+            middle = self.left + sum(timeline.span(marked)) // 2
             canvas.rect(middle, self._track, max(round(self.em / 16), 1), self.track_height // 4, DIM)
         for mark in marks:
             if mark < self.frame_count and timeline.shows(mark):
@@ -228,7 +228,7 @@ class TimelinePlots:
         timeline = self.timeline
         middle = self._track + self.track_height - (KEY_SIZE + 0.1) * self.em
         frames = [min(key, self.frame_count - 1) for key in keys]
-        return [(self.left + sum(timeline.span(one)) / 2, middle) if timeline.shows(one) else None for one in frames]
+        return [(self.left + sum(timeline.span(at)) / 2, middle) if timeline.shows(at) else None for at in frames]
 
     def _hover(self, canvas: Canvas, frame: int, plots: Sequence[Plot]) -> None:
         """A line at the frame under the pointer, with its number and values beside it."""
@@ -338,8 +338,8 @@ class TimelinePlots:
             self._waveform(canvas, plot, y, height)
             return
         limits = plot.range
-        for values, color, bars in ((plot.values, _dimmed(plot.color), plot.bars), (plot.other, FAIR, False)):
-            for index, value in enumerate(values[: self.frame_count]):
+        for series, color, bars in ((plot.values, _dimmed(plot.color), plot.bars), (plot.other, FAIR, False)):
+            for index, value in enumerate(series[: self.frame_count]):
                 if value is not None:
                     self._value(canvas, index, value, limits, (y, height), color, bars)
         self._axis(canvas, plot, y, height)
@@ -374,4 +374,4 @@ class TimelinePlots:
 
 
 def _dimmed(color: RGB) -> RGB:
-    return tuple(round(0.5 * one + 0.5 * other) for one, other in zip(color, RAISED, strict=True))  # type: ignore[return-value]
+    return tuple(round(0.5 * channel + 0.5 * ground) for channel, ground in zip(color, RAISED, strict=True))  # type: ignore[return-value]

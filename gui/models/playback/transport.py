@@ -8,7 +8,8 @@ from v3studio.studio.playback.sound_player import SoundPlayer
 
 
 class Transport:
-    """Which frame is current, counted from 0; people know frames by `numbers`. `group_starts`: ascending."""
+    """The current frame, counted from 0, and how playback moves it; people know frames by `numbers`. `group_starts`:
+    ascending."""
 
     def __init__(
         self,
@@ -63,9 +64,9 @@ class Transport:
             return self._back_in_span(due, *self.span)
         return due % self.frame_count if self.loop else min(due, self.last)
 
-    def select_span(self, one: int, other: int) -> None:
+    def select_span(self, start: int, end: int) -> None:
         """Select the frames between two, both inclusive, in any order; they are clamped to the range."""
-        low, high = sorted((min(max(one, 0), self.last), min(max(other, 0), self.last)))
+        low, high = sorted((min(max(start, 0), self.last), min(max(end, 0), self.last)))
         self._anchor(self.frame)
         self.span, self._span_begin = (low, high), None
         self._lead()

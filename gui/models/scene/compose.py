@@ -39,7 +39,7 @@ def draw(gaussians: Gaussians, camera: Camera, background: Color) -> np.ndarray:
 def draw_layer(gaussians: Gaussians, camera: Camera) -> SplatLayer:
     """Render over black, with opacity and depth, on the GPU if there is one. Raises StudioError, see `rasterize`."""
     render = _rendered(gaussians, camera, (0.0, 0.0, 0.0))
-    return SplatLayer(*(one.float().cpu().numpy() for one in (render.image, render.alpha, render.depth)))
+    return SplatLayer(*(tensor.float().cpu().numpy() for tensor in (render.image, render.alpha, render.depth)))
 
 
 @torch.no_grad()

@@ -86,8 +86,8 @@ def cloud(points: np.ndarray, colors: np.ndarray) -> Cloud:
 
 @dataclass(frozen=True, eq=False)
 class SceneContents:
-    """See the module. World coordinates; `length` is that of frusta; surfaces are meshes and the ground, and where they
-    are."""
+    """The scene besides splats, in world coordinates. `length`: of frusta. `surfaces`: meshes and the ground, and where
+    they are."""
 
     cameras: Sequence[SceneCamera] = ()
     length: float = 1.0
@@ -97,8 +97,8 @@ class SceneContents:
     words: str = ""
 
     def seen_from(self, eye: np.ndarray) -> SceneContents:
-        """Without cameras so near to a point (3,) that their images would cover the view."""
-        far = [one for one in self.cameras if np.linalg.norm(one.camera.center - eye) > 1.2 * self.length]
+        """The scene without cameras so near to a point (3,) that their images would cover the view."""
+        far = [shown for shown in self.cameras if np.linalg.norm(shown.camera.center - eye) > 1.2 * self.length]
         return replace(self, cameras=tuple(far))
 
 
@@ -119,9 +119,9 @@ def grid_lines(middle: np.ndarray, up: np.ndarray, height: float, reach: float) 
     ends = []
     half = GRID_CELLS * step
     for cell in range(-GRID_CELLS, GRID_CELLS + 1):
-        for one, other, at in ((first, second, start), (second, first, start[::-1])):
-            along = height * up + (at[0] + cell * step) * one
-            ends.append((along + (at[1] - half) * other, along + (at[1] + half) * other))
+        for across, down, at in ((first, second, start), (second, first, start[::-1])):
+            along = height * up + (at[0] + cell * step) * across
+            ends.append((along + (at[1] - half) * down, along + (at[1] + half) * down))
     return Lines.of(ends, LINE), step
 
 

@@ -20,9 +20,9 @@ FRAGMENT = np.dtype([("pixel", np.int64), ("depth", float), ("cover", float), ("
 
 def fragments(pixel: np.ndarray, depth: np.ndarray, cover: np.ndarray | float, color: np.ndarray) -> np.ndarray:
     """(F,) `FRAGMENT`."""
-    found = np.empty(len(pixel), FRAGMENT)
-    found["pixel"], found["depth"], found["cover"], found["color"] = pixel, depth, cover, color
-    return found
+    rows = np.empty(len(pixel), FRAGMENT)
+    rows["pixel"], rows["depth"], rows["cover"], rows["color"] = pixel, depth, cover, color
+    return rows
 
 
 def point_fragments(camera: Camera, points: np.ndarray, colors: np.ndarray, radius: int) -> np.ndarray:
@@ -52,11 +52,11 @@ def line_fragments(camera: Camera, lines: Lines) -> np.ndarray:
     pixels = ends[..., :2] / ends[..., 2:] * focal + middle
     inverse = 1 / ends[..., 2]  # changes linearly along a line in the image
     steep = np.abs(np.subtract(pixels[:, 1, 1], pixels[:, 0, 1])) > np.abs(pixels[:, 1, 0] - pixels[:, 0, 0])
-    found = []
-    for one in (False, True):
-        which = steep == one
-        found.append(_spans(camera, pixels[which], inverse[which], colors[which], lines.width, one))
-    return np.concatenate(found)
+    spans = []
+    for is_steep in (False, True):
+        which = steep == is_steep
+        spans.append(_spans(camera, pixels[which], inverse[which], colors[which], lines.width, is_steep))
+    return np.concatenate(spans)
 
 
 def _in_front(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,10 +64,10 @@ def _in_front(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     depth = ends[..., 2]
     kept = np.asarray((depth > NEAR).any(axis=1))
     ends, depth = ends[kept].copy(), depth[kept]
-    for one, other in ((0, 1), (1, 0)):
-        behind = depth[:, one] <= NEAR
-        share = (2 * NEAR - depth[behind, one]) / (depth[behind, other] - depth[behind, one])
-        ends[behind, one] += share[:, None] * (ends[behind, other] - ends[behind, one])
+    for end, other in ((0, 1), (1, 0)):
+        behind = depth[:, end] <= NEAR
+        share = (2 * NEAR - depth[behind, end]) / (depth[behind, other] - depth[behind, end])
+        ends[behind, end] += share[:, None] * (ends[behind, other] - ends[behind, end])
     return ends, kept
 
 
@@ -93,14 +93,14 @@ def _spans(
     depth = 1 / (inverse[line, 0] + share * (inverse[line, 1] - inverse[line, 0]))
     tilt = 1 / np.sqrt(1 + slope**2)
     reach = int(np.ceil(width))
-    found = []
+    parts = []
     for step in range(-reach, reach + 1):
         side = np.floor(minor).astype(np.int64) + step
         cover = np.clip(0.5 * width + 0.5 - np.abs(side + 0.5 - minor) * tilt[line], 0, 1)
         good = (cover > 0) & (side >= 0) & (side < size[across])
         row, column = (at, side) if steep else (side, at)
-        found.append(fragments((row * camera.width + column)[good], depth[good], cover[good], colors[line[good]]))
-    return np.concatenate(found)
+        parts.append(fragments((row * camera.width + column)[good], depth[good], cover[good], colors[line[good]]))
+    return np.concatenate(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,5 +133,5 @@ def image_on_quad(camera: Camera, corners: np.ndarray, image: np.ndarray) -> Pat
     plane = np.linalg.lstsq(np.column_stack([pixels, np.ones(4)]), 1 / depth, rcond=None)[0]
     y, x = np.mgrid[top:bottom, left:right] + 0.5
     inverse = plane[0] * x + plane[1] * y + plane[2]
-    found = (1 / np.maximum(inverse, 1e-9)).astype(np.float32)
-    return Patch(slice(top, bottom), slice(left, right), where, warped, found)
+    depths = (1 / np.maximum(inverse, 1e-9)).astype(np.float32)
+    return Patch(slice(top, bottom), slice(left, right), where, warped, depths)

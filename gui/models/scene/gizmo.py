@@ -18,7 +18,7 @@ NAMES = ("x", "y", "z")
 def draw_gizmo(canvas: Canvas, view: Camera, em: float) -> list[tuple[str, np.ndarray]]:
     """Draw the axes in the upper right corner; names ("+x") and corners (4, 2) of the ends, front ones last."""
     middle = np.array([canvas.width - 4.2 * em, 4.2 * em])
-    found: list[tuple[str, np.ndarray]] = []
+    places: list[tuple[str, np.ndarray]] = []
     ends = [(axis, sign, sign * view.rotation[:, axis]) for axis in range(3) for sign in (1, -1)]
     small = round(0.8 * em)
     for axis, sign, direction in sorted(ends, key=lambda end: -end[2][2]):
@@ -29,12 +29,12 @@ def draw_gizmo(canvas: Canvas, view: Camera, em: float) -> list[tuple[str, np.nd
             canvas.dot(x, y, 0.62 * em, color)
             canvas.text(x - text_width(NAMES[axis], small) / 2, y - 0.58 * em, NAMES[axis], small, GROUND)
         else:
-            dim = tuple(round(0.45 * one + 0.55 * ground) for one, ground in zip(color, GROUND, strict=True))
+            dim = tuple(round(0.45 * channel + 0.55 * ground) for channel, ground in zip(color, GROUND, strict=True))
             canvas.dot(x, y, 0.42 * em, (dim[0], dim[1], dim[2]))
         half = 0.7 * em
         name = f"{'+' if sign > 0 else '-'}{NAMES[axis]}"
-        found.append((name, np.array([x, y]) + half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])))
-    return found
+        places.append((name, np.array([x, y]) + half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])))
+    return places
 
 
 def along(orbit: OrbitCamera, name: str) -> OrbitCamera:

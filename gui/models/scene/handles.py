@@ -85,8 +85,8 @@ def default_crop(points: np.ndarray, edits: EditList, up: np.ndarray) -> CropBox
     low, high = np.quantile(local, (0.002, 0.998), axis=0)
     size = np.maximum((high - low) * MARGIN, 1e-6)
     center = (low + high) / 2 @ axes
-    values = {"center": center.tolist(), "size": size.tolist(), "rotation": matrices_to_quats(axes.T).tolist()}
-    return CropBox.model_validate(values)
+    box = {"center": center.tolist(), "size": size.tolist(), "rotation": matrices_to_quats(axes.T).tolist()}
+    return CropBox.model_validate(box)
 
 
 def default_ground(points: np.ndarray, up: np.ndarray) -> Ground:
@@ -121,6 +121,6 @@ def picked(view: Camera, means: np.ndarray, x: float, y: float) -> np.ndarray | 
         near = np.sort(depth[apart <= radius])
         if len(near):
             # not the very first: a stray splat may hover in front
-            found: np.ndarray = view.unproject(np.array([[x, y]]), float(near[min(3, len(near) - 1)]))[0]
-            return found
+            point: np.ndarray = view.unproject(np.array([[x, y]]), float(near[min(3, len(near) - 1)]))[0]
+            return point
     return None

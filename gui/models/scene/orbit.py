@@ -77,8 +77,8 @@ class OrbitCamera:
         apart = max(float(np.linalg.norm(away)), 1e-9)
         radius = orbit.distance * math.sin(0.5 * orbit.fov)
         half = min(math.asin(min(radius / apart, 1.0)), 0.5 * _WIDEST)
-        found = cls.from_to(orbit.target + away * (radius / math.sin(half) / apart), orbit.target, up, 2.0 * half)
-        return replace(found, pitch=float(np.clip(found.pitch, -_STEEPEST, _STEEPEST)))
+        moved = cls.from_to(orbit.target + away * (radius / math.sin(half) / apart), orbit.target, up, 2.0 * half)
+        return replace(moved, pitch=float(np.clip(moved.pitch, -_STEEPEST, _STEEPEST)))
 
     @classmethod
     def from_to(cls, eye: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float) -> OrbitCamera:

@@ -35,7 +35,7 @@ Content = TypeVar("Content")
 
 
 class SceneReader:
-    """See the module. `read_mesh`: reads a mesh file."""
+    """Reads the scene, and keeps it until a file changes. `read_mesh`: reads a mesh file."""
 
     def __init__(self, read_mesh: Callable[[Path], Surface | None]) -> None:
         self._read_mesh = read_mesh
@@ -98,7 +98,7 @@ class SceneReader:
             cameras=cameras,
             length=length,
             points=[scene.cloud(*sparse)],
-            surfaces=[(one, at) for one, at in surfaces if one is not None],
+            surfaces=[(surface, at) for surface, at in surfaces if surface is not None],
             lines=lines,
             words="   ".join(words),
         )
@@ -143,8 +143,8 @@ def small_image(context: Inputs, camera: str, frame: int, number: int | None = N
     None if there is none: the Capture view says why it cannot be read."""
     try:
         footage = context.raw_footage
-        found = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
-        whole = footage.raw_image(camera, found)
+        number_in_files = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
+        whole = footage.raw_image(camera, number_in_files)
     except StudioError:
         return None
     scale = THUMBNAIL / max(whole.shape[:2])

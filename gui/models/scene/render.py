@@ -44,9 +44,9 @@ def draw_contents(
     for surface, place in contents.surfaces:
         pixels, depth = surface.seen(place.inverse.camera(view))
         surfaces.add(Patch(slice(None), slice(None), np.isfinite(depth), pixels, depth * place.scale))
-    for one in contents.cameras:
-        if one.image is not None:
-            surfaces.add(image_on_quad(view, frustum(one.camera, contents.length)[1:], one.image))
+    for shown in contents.cameras:
+        if shown.image is not None:
+            surfaces.add(image_on_quad(view, frustum(shown.camera, contents.length)[1:], shown.image))
     parts = [line_fragments(view, lines) for lines in (*contents.lines, frusta_lines(contents))]
     parts += [point_fragments(view, *points) for points in contents.points]
     return Canvas.of(compose(background, splats, surfaces, np.concatenate(parts)))
@@ -61,17 +61,17 @@ def frustum(camera: Camera, length: float) -> np.ndarray:
 
 def frusta_lines(contents: SceneContents) -> Lines:
     ends, colors = [], []
-    for one in contents.cameras:
-        ends.append(frustum(one.camera, contents.length)[EDGES])
-        colors += [one.color] * 8
+    for shown in contents.cameras:
+        ends.append(frustum(shown.camera, contents.length)[EDGES])
+        colors += [shown.color] * 8
     return Lines(np.array(ends, np.float64).reshape(-1, 2, 3), np.array(colors, np.uint8).reshape(-1, 3), 1.6)
 
 
 def frusta_places(contents: SceneContents, view: Camera) -> list[tuple[str, np.ndarray]]:
     """Name and (5, 2) pixels of each camera's frustum, those in front last; without those partly behind the viewer."""
-    found: list[tuple[float, str, np.ndarray]] = []
-    for one in contents.cameras:
-        pixels, depth = view.project(frustum(one.camera, contents.length))
+    places: list[tuple[float, str, np.ndarray]] = []
+    for shown in contents.cameras:
+        pixels, depth = view.project(frustum(shown.camera, contents.length))
         if (depth > NEAR).all():
-            found.append((float(depth.mean()), one.camera.name, pixels))
-    return [(name, pixels) for _, name, pixels in sorted(found, key=lambda item: -item[0])]
+            places.append((float(depth.mean()), shown.camera.name, pixels))
+    return [(name, pixels) for _, name, pixels in sorted(places, key=lambda item: -item[0])]

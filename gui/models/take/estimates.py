@@ -40,10 +40,10 @@ class Estimates(Commands):
 
     def words(self, preset: str) -> str:
         """ "preview: about 4 min, 1.2 MB"; only the name if nothing is known."""
-        found = self.figures.get(preset)
-        if found is None:
+        figures = self.figures.get(preset)
+        if figures is None:
             return preset
-        seconds, size = found
+        seconds, size = figures
         words = f"{preset}: about {duration(seconds)}"
         return words if size is None else f"{words}, {size / 1e6:.1f} MB"
 
@@ -60,15 +60,15 @@ class Estimates(Commands):
         if status is None:
             return
         if status == 0 and self._measures is not None:
-            found = _figures(self._end)
-            if self._end is None or not found:
+            figures = _figures(self._end)
+            if self._end is None or not figures:
                 self.failure = "The estimate cannot be read."
             else:
                 with contextlib.suppress(OSError):  # without a cache it is measured again next time
                     self._measures.parent.mkdir(parents=True, exist_ok=True)
                     write_text(self._measures, self._end.to_json())
             if self._measures == self._path:
-                self.figures = found
+                self.figures = figures
         elif status != 0:
             self.failure = error
         self.changed.emit()
@@ -106,10 +106,10 @@ def _cache_file(take: Take, config: Config) -> Path:
 
 def _figures(end: Event | None) -> Figures:
     """Figures of the command's last event; empty if it is damaged."""
-    found: dict[str, tuple[float, int | None]] = {}
+    figures: dict[str, tuple[float, int | None]] = {}
     result: Any = end.result if isinstance(end, Finished) else {}
     with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
-        for name, one in result["presets"].items():
-            stream = next((stage["bytes"] for stage in one["stages"] if stage["stage"] == "bake"), None)
-            found[str(name)] = (float(one["seconds"]), None if stream is None else int(stream))
-    return found
+        for name, estimate in result["presets"].items():
+            stream = next((stage["bytes"] for stage in estimate["stages"] if stage["stage"] == "bake"), None)
+            figures[str(name)] = (float(estimate["seconds"]), None if stream is None else int(stream))
+    return figures

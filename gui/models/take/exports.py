@@ -75,14 +75,14 @@ class ExportRequest(NamedTarget):
 
     def arguments(self) -> list[str]:
         """Arguments of `v3studio export`, without the camera path. Raises StudioError: `export.bad_seconds`."""
-        found = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
+        arguments = [self.source, "--format", self.kind, "--out", str(self.path), "--json"]
         if self.of:
-            found += ["--of", self.of]
+            arguments += ["--of", self.of]
         if self.kind in SIZED:
-            found += ["--size", self.size]
+            arguments += ["--size", self.size]
         color = MOVIE_BACKGROUNDS[self.background]
         if color is not None and self.kind in MOVIES:
-            found += ["--background", ",".join(f"{value:g}" for value in color)]
+            arguments += ["--background", ",".join(f"{value:g}" for value in color)]
         if self.kind == "turntable":
             try:
                 seconds = float(self.seconds)
@@ -91,8 +91,8 @@ class ExportRequest(NamedTarget):
             if not 0 < seconds <= 3600:
                 problem = f"movie length '{self.seconds}' is not a number of seconds above 0 and at most 3600"
                 raise StudioError("export.bad_seconds", problem, value=self.seconds, fix="Example: 6.")
-            found += ["--seconds", f"{seconds:g}"]
-        return found
+            arguments += ["--seconds", f"{seconds:g}"]
+        return arguments
 
 
 class Exports(Commands):
@@ -158,7 +158,7 @@ class Exports(Commands):
         self.progress, self.result = f"{request.does.lower()}: starting", ""
 
     def _keys(self, request: ExportRequest) -> list[Key]:
-        """The path in the frames and the world of what is exported."""
+        """The camera path, in the frames and the world of the export."""
         if len(self.path.keys) < 2:
             problem = "a camera path needs at least two views"
             fix = "Add views with K, then export again."

@@ -87,8 +87,8 @@ def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, fir
     transport, other, frames = player.transport, player.other, slice(first, last + 1)
 
     def values(name: str) -> list[list[float | None]]:
-        found = [evaluation.series(name, transport.frame_count, camera)[frames]]
-        return found if other is None else [*found, other.series(name, camera)[frames]]
+        series = [evaluation.series(name, transport.frame_count, camera)[frames]]
+        return series if other is None else [*series, other.series(name, camera)[frames]]
 
     measured = [(value, at) for at, value in enumerate(values(DECODED)[0], first) if value is not None]
     where = f", frame {transport.number(min(measured)[1])}" if measured else ""
@@ -102,9 +102,9 @@ def span_block(player: PlayerPresenter, evaluation: Evaluation, camera: str, fir
     count = last - first + 1
     rows = [("length", f"{count} frame{'s' * (count != 1)}, {count / transport.fps:.2f} s")]
     for title, name, figure, form, unit in figures:
-        known = [[value for value in one if value is not None] for one in values(name)]
+        known = [[value for value in series if value is not None] for series in values(name)]
         if any(known):
-            words = (format(figure(one), form) if one else "-" for one in known)
+            words = (format(figure(series), form) if series else "-" for series in known)
             rows.append((title, f"{' / '.join(words)} {unit}"))
     note = "Not evaluated yet." if len(rows) == 1 else "" if other is None else f"After the slash: {other.label}."
     return Block(transport.range_words(first, last), rows, note)

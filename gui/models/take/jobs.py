@@ -209,8 +209,8 @@ def pause_process(pid: int, pause: bool) -> bool:
     """Suspend or resume a run and its children; False if it has ended or is another user's."""
     try:
         process = psutil.Process(pid)
-        for one in (process, *process.children(recursive=True)):
-            one.suspend() if pause else one.resume()
+        for member in (process, *process.children(recursive=True)):
+            member.suspend() if pause else member.resume()
     except psutil.Error:
         return False
     return True

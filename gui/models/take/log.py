@@ -45,16 +45,16 @@ class LogRow:
 def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
     """The log with one line for warnings in a row that differ in the camera's name only: the first, and which cameras.
     Those with figures of their own stay, so that no figure is hidden or reported for another camera."""
-    found = []
-    for key, run in itertools.groupby(enumerate(lines), lambda one: _about(one[1]) or one[0]):
+    kept = []
+    for key, run in itertools.groupby(enumerate(lines), lambda numbered: _about(numbered[1]) or numbered[0]):
         same = [line for _, line in run]
         cameras = [line.notice.fields["camera"] for line in same if isinstance(key, tuple) and line.notice is not None]
         names = list(dict.fromkeys(map(str, cameras)))
         if len(names) < 2:
-            found += same
+            kept += same
             continue
-        found.append(replace(same[0], text=f"{same[0].text} (in {len(names)} cameras: {', '.join(names)})"))
-    return found
+        kept.append(replace(same[0], text=f"{same[0].text} (in {len(names)} cameras: {', '.join(names)})"))
+    return kept
 
 
 def _about(line: LogLine) -> tuple[object, ...]:
@@ -83,7 +83,7 @@ def _hang(width: float, em: float) -> float:
 
 def log_rows(lines: Iterable[LogLine], width: int, em: float, config: Config | None = None) -> list[LogRow]:
     """The log wrapped to the width, pixels, with the fixes of its lines for the take's settings."""
-    found: list[LogRow] = []
+    rows: list[LogRow] = []
     room = width - _indent(em) - 0.6 * em
     spare = width - _hang(width, em) - 0.6 * em
     for line in lines:
@@ -92,11 +92,11 @@ def log_rows(lines: Iterable[LogLine], width: int, em: float, config: Config | N
         parts = wrapped(words, _size(em), room)
         rest = words[len(parts[0]) :].removeprefix("\n").lstrip(" ")
         parts = [parts[0], *(wrapped(rest, _size(em), spare) if rest else [])]
-        found += [LogRow(line.level, part, clock * (not number), not number) for number, part in enumerate(parts)]
+        rows += [LogRow(line.level, part, clock * (not number), not number) for number, part in enumerate(parts)]
         fix = fix_of(line.notice, config)
         if fix is not None:
-            found.append(LogRow(Level.PLAIN, fix.words, fix=fix))
-    return found
+            rows.append(LogRow(Level.PLAIN, fix.words, fix=fix))
+    return rows
 
 
 def _clock(told: float) -> str:
@@ -109,7 +109,7 @@ def _clock(told: float) -> str:
 
 @dataclass
 class LogView:
-    """Which rows are in the image: it is scrolled `back` rows from the end, may be `large` and cover the view, and have
+    """The rows in the image: it is scrolled `back` rows from the end, may be `large` and cover the view, and have
     only those of warnings and errors, whose number among all lines is `warnings`. Drawing notes what can be clicked:
     `areas` has its labels, `fixes` what buttons do; without a fix, it is the switch to warnings only."""
 
@@ -162,7 +162,7 @@ class LogView:
         return canvas.pixels
 
     def _switches(self, canvas: Canvas) -> None:
-        """In the heading: that it can be enlarged, and if there are warnings and room, whether there are only those."""
+        """Write in the heading that it can be enlarged and, if there are warnings and room, be limited to those."""
         em, size = self.em, _size(self.em)
         right = self.width - 0.6 * em
         right -= canvas.text(right, 0.3 * em, "close (J)" if self.large else "enlarge (J)", size, DIM, align="right")

@@ -75,7 +75,7 @@ class LogLine:
 
 @dataclass
 class RunState:
-    """See the module."""
+    """The progress and the results of a run."""
 
     planned: tuple[str, ...] = ()  # stages that the run will execute, in order
     stage: str = ""  # the current stage; "" before the first and after the last

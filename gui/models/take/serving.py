@@ -28,7 +28,7 @@ class Serving(Commands):
         return f"serving at {self.address}" if self.address else "serving: starting" if self.running else ""
 
     def start(self, source: str, https: bool) -> None:
-        """Serve a folder on all interfaces, at any free port, in place of what is served."""
+        """Serve a folder on all interfaces, at any free port, instead of the present one."""
         self.stop()
         options = ["--host", "0.0.0.0", "--port", "0", "--json", "--end-with-stdin", *["--https"] * https]
         self._run(["serve", source, *options], tied=True)

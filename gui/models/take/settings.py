@@ -85,7 +85,7 @@ class SettingField:
         if self.kind == FieldKind.CHOICE:
             return SWITCH_WORDS.get(text, text) if self.nullable else text
         items = value.values() if isinstance(value, dict) else value
-        flat = self.kind_of_list and not any(isinstance(one, (list, dict)) for one in items)
+        flat = self.kind_of_list and not any(isinstance(item, (list, dict)) for item in items)
         return text[1:-1].strip() if flat else text
 
     def parsed(self, text: str) -> Any:
@@ -140,12 +140,12 @@ def setting_value(config: Config, name: str) -> JsonValue:
 @cache
 def fields_of(stage: str) -> tuple[SettingField, ...]:
     """All settings of a stage, in order of declaration."""
-    found: list[SettingField] = []
+    fields: list[SettingField] = []
     for section in SECTIONS[stage]:
         model = submodel(Config.model_fields[section])
         assert model is not None
-        found += _fields(model, f"{section}.")
-    return tuple(found)
+        fields += _fields(model, f"{section}.")
+    return tuple(fields)
 
 
 @lru_cache(maxsize=256)
@@ -237,8 +237,8 @@ def _all_text(part: Any) -> bool:
 
 
 def place_of(field: SettingField, config: Config) -> Path:
-    """Where a dialog begins that chooses the file or folder of a setting: there, if it exists, else in the capture's
-    folder as it is mounted here, else at home."""
+    """The path at which a dialog begins that chooses the file or folder of a setting: there, if it exists, else in the
+    capture's folder as it is mounted here, else at home."""
     root = Path.home() if is_address(config.capture.root) else path_here(config.capture.root, config.run.paths)
     root = root if root.is_dir() else Path.home()
     now = root if field.name in FOLDERS else root / field.shown(config)

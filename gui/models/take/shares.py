@@ -20,7 +20,7 @@ class Form(StrEnum):
     SERVE = "serve"
 
 
-FORMS: dict[str, tuple[str, str]] = {  # label of what is written, and what its name ends in
+FORMS: dict[str, tuple[str, str]] = {  # label, and what the name of the file or folder ends in
     Form.FOLDER: ("Folder for a web server", "-share"),
     Form.SINGLE_FILE: ("Single HTML file", ".html"),
 }
@@ -97,13 +97,13 @@ class ShareRequest(NamedTarget):
         return f"{self.name}{FORMS[self.form][1]}"
 
     def arguments(self) -> list[str]:
-        """For `v3studio share`."""
-        found = [self.source, "--out", str(self.path), "--overwrite", "--json"]
+        """Arguments of `v3studio share`."""
+        arguments = [self.source, "--out", str(self.path), "--overwrite", "--json"]
         for name in ("title", "credits", "license", "address"):
             text = getattr(self, name)
             if text.strip():
-                found.append(f"--{name}={text.strip()}")
-        return found
+                arguments.append(f"--{name}={text.strip()}")
+        return arguments
 
 
 def share_words(size: ShareSize, form: str) -> str:

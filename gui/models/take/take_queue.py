@@ -33,7 +33,7 @@ class QueueRow:
     fraction: float | None = None
 
     def __str__(self) -> str:
-        """For the list."""
+        """The line in the list."""
         words = " ".join(self.words.split())
         shown = f"{self.number}   {self.take.name}   {self.state}{f': {words}' if words else ''}"
         return f"{shown}   ({self.take.parent})"
@@ -51,12 +51,12 @@ class QueueView:
 def look(queue: QueueFile) -> QueueView:
     """Read the queue and the progress of the take that runs."""
     try:
-        found = queue.read()
+        content = queue.read()
     except StudioError as error:
         return QueueView(error=str(error))
     is_run = queue.is_run()
     rows = []
-    for entry in found.takes:
+    for entry in content.takes:
         state, words, stage, fraction = State(entry.state), entry.message, "", None
         if state == State.RUNNING:
             words, stage, fraction = progress(Take(entry.take)) if is_run else ("interrupted", "", None)

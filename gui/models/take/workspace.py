@@ -381,7 +381,7 @@ class Workspace:
         return self.take, self.context
 
     def write_settings(self, values: Mapping[str, object]) -> None:
-        """As `change_settings`, but not noted for undo."""
+        """Write settings, as `change_settings` does, without undo."""
         take, context = self.changeable()
         try:
             config = load_config(take.config, list(values.items()))
@@ -406,7 +406,7 @@ class Workspace:
 
 
 def modified(path: Path) -> int:
-    """When a file or folder was changed, nanoseconds since 1970; 0 if it does not exist."""
+    """The time of the last change of a file or folder, nanoseconds since 1970; 0 if it does not exist."""
     try:
         return path.stat().st_mtime_ns
     except OSError:

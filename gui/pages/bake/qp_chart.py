@@ -50,8 +50,8 @@ def _draw_curve(canvas: Canvas, width: float, em: float, results: dict[int, Tria
     if not results:
         canvas.text(left + wide / 2, y + high / 2, "baking the first QP", small, DIM, align="middle")
         return {}
-    sizes = np.array([found.bytes_per_frame / 1000 for found in results.values()])
-    psnrs = np.array([found.psnr for found in results.values()])
+    sizes = np.array([result.bytes_per_frame / 1000 for result in results.values()])
+    psnrs = np.array([result.psnr for result in results.values()])
     shown = np.append(psnrs, list(LEVELS.values()))
     axes = Axes(left, y, wide, high, (0.0, 1.1 * float(sizes.max())), limits(shown, 0.05, 0.5))
     axes.draw(canvas, small, columns=True)
@@ -64,7 +64,7 @@ def _draw_curve(canvas: Canvas, width: float, em: float, results: dict[int, Tria
         canvas.text(left + 0.4 * em, row - 1.4 * small, level, small, color)
         points[level] = (left + 2 * em, row - 0.7 * small)
     names, shapes, colors = [], [], []
-    for qp, (across, down) in sorted(zip(results, places.tolist(), strict=True), key=lambda one: one[0] != current):
+    for qp, (across, down) in sorted(zip(results, places.tolist(), strict=True), key=lambda place: place[0] != current):
         points[qp], radius = (across, down), (0.42 if qp == current else 0.3) * em
         canvas.dot(across, down, radius, TEXT if qp == current else ACCENT)
         names.append(f"QP {qp}")

@@ -29,9 +29,9 @@ class QpTrial:
     def cells(self) -> list[list[str]]:
         """The table: titles, and a row for each QP that was tried."""
         rows = [["QP", "KB per frame", "Mbit/s", "PSNR, dB"]]
-        for qp, found in sorted(self.results.items()):
-            size = found.bytes_per_frame
-            rows.append([str(qp), f"{size / 1000:.1f}", f"{size * self.fps * 8 / 1e6:.2f}", f"{found.psnr:.2f}"])
+        for qp, result in sorted(self.results.items()):
+            size = result.bytes_per_frame
+            rows.append([str(qp), f"{size / 1000:.1f}", f"{size * self.fps * 8 / 1e6:.2f}", f"{result.psnr:.2f}"])
         return rows
 
     def start(self, workspace: Workspace, numbers: FrameNumbers) -> None:
@@ -69,7 +69,7 @@ class QpTrial:
             self.changes += 1
 
     def _ended(self, done: Done[_Request, None]) -> None:
-        """Also taken so that the frames that were tried are not kept."""
+        """Forget the frames that were tried, and note why that failed."""
         if done.error is not None and done.request[0] is self._of:
             self.words = str(done.error)
         self.changes += 1

@@ -37,8 +37,7 @@ def rest_words(sound: bool) -> str:
 
 
 def shares(reader: StreamReader) -> dict[str, tuple[int, list[int]]]:
-    """Bytes and QPs of what is in the stream: by attribute if it has a video per plane, else by file; last the manifest
-    and the sound."""
+    """Bytes and QPs in the stream, by attribute if it has a video per plane, else by file; last the rest."""
     parts: list[tuple[str, int, int | None]] = []
     for group in reader.groups:
         for file in () if hasattr(group, "components") else group.files:
@@ -48,18 +47,18 @@ def shares(reader: StreamReader) -> dict[str, tuple[int, list[int]]]:
             parts += [(plane_label(component.name, plane.part), plane.bytes, plane.qp) for plane in component.planes]
     rest = reader.played_bytes - sum(size for _, size, _ in parts)
     parts.append((rest_words(reader.manifest.audio is not None), rest, None))
-    found: dict[str, tuple[int, list[int]]] = {}
+    by_name: dict[str, tuple[int, list[int]]] = {}
     for name, size, qp in parts:
-        before, qps = found.get(name, (0, []))
-        found[name] = (before + size, qps if qp is None else sorted({*qps, qp}))
-    return found
+        before, qps = by_name.get(name, (0, []))
+        by_name[name] = (before + size, qps if qp is None else sorted({*qps, qp}))
+    return by_name
 
 
 COLUMNS = ("KB per frame", "share", "QP")  # of the table in mode "bytes"
 
 
 class BakeView(StageView):
-    """See the module. `points`: where the chart of the trial shows each QP and level, pixels."""
+    """Bytes by attribute, and bytes and PSNR at other QPs. `points`: pixels of each QP and level in their chart."""
 
     modes = (ViewMode.BYTES, ViewMode.OTHER_QPS)
 
@@ -142,7 +141,7 @@ class BakeView(StageView):
         return canvas.pixels
 
     def click(self, x: float, y: float) -> None:
-        """In "try other QPs", a click on a point of the curve or on a level makes it the setting."""
+        """Make a point of the curve or a level that is clicked the setting."""
         if self.mode != ViewMode.OTHER_QPS or not self.points:
             return
         quality, (left, top) = min(self.points.items(), key=lambda item: math.hypot(item[1][0] - x, item[1][1] - y))

@@ -132,8 +132,8 @@ def _short(name: str) -> str:
 
 
 def expected(point: TiePoint, camera: Camera, rig: Rig) -> np.ndarray | None:
-    """Where calibrated cameras predict a point in another camera's image: (1, 2) its pixel, from marks in two or more
-    other cameras; (N, 2) its epipolar line, from one mark; None if there are no other marks."""
+    """The place of a point in a camera's image, predicted from marks in others: (1, 2) a pixel, from two or more;
+    (N, 2) its epipolar line, from a single one; None without other marks."""
     from v3studio.studio.calibration.manual.bootstrap import Observations, TieRig, triangulate
 
     others = [name for name in point.pixels if name != camera.name and name in rig]

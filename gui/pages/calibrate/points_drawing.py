@@ -44,7 +44,7 @@ Spots = Areas[Action]  # clickable rectangles
 
 
 class PointsImage:
-    """See the module. `camera`: the one whose image is on screen; `choose`: called with another one."""
+    """The image of the points view. `camera`: whose image is on screen; `choose`: called with another camera."""
 
     def __init__(
         self, size: tuple[int, int], em: float, marks: TieMarks, camera: str, choose: Callable[[str], None]

@@ -25,7 +25,7 @@ _LOWEST = -0.5  # sine of the lowest direction that is drawn: nobody looks from 
 
 @dataclass(frozen=True, eq=False)
 class RigCoverage:
-    """See the module."""
+    """How well the training cameras see the performer's surface, and from which directions they film it."""
 
     range: ViewRange  # from where views are good
     cameras: int
@@ -44,14 +44,14 @@ class RigCoverage:
         None before the stage Initialize: then `center`, (3,), is the middle of the scene."""
         cameras = [camera for camera in rig if camera.name in names]
         points, normals = surface if surface is not None and len(surface[0]) else (np.zeros((0, 3)), np.zeros((0, 3)))
-        found = view_range(cameras, points.mean(0) if len(points) else center)
-        if found is None:
+        views = view_range(cameras, points.mean(0) if len(points) else center)
+        if views is None:
             return None
-        distance = float(np.median([np.linalg.norm(camera.center - found.center) for camera in cameras]))
+        distance = float(np.median([np.linalg.norm(camera.center - views.center) for camera in cameras]))
         return cls(
-            found,
+            views,
             len(cameras),
-            *gaps(found, rig.up),
+            *gaps(views, rig.up),
             points,
             facing_cameras(cameras, points, normals),
             _RADIUS * distance,

@@ -53,7 +53,7 @@ PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True)
 
 
 class CalibrateView(OrbitView):
-    """See the module."""
+    """The cameras as frusta, how well they cover the performer, and the report."""
 
     modes = (ViewMode.CAMERAS, ViewMode.COVERAGE, ViewMode.REPORT, ViewMode.BY_HAND)  # the last is `PointsView`'s
     sharp = True
@@ -75,12 +75,12 @@ class CalibrateView(OrbitView):
 
     @property
     def orbits(self) -> bool:
-        """See `StageView`: the report is a table."""
+        """Whether drags orbit: the report is a table."""
         return self.mode != ViewMode.REPORT
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """For the inspector: how well the cameras cover the performer, and what the reader of their file assumed."""
+        """How well the cameras cover the performer, and what the reader of their file assumed."""
         covered, report = self._coverage, self._checked.report
         blocks = [Block("Are they right?", [], "\n".join(self._checked.sentences))] if report is not None else []
         blocks += [covered.block] if covered is not None else []
@@ -151,11 +151,11 @@ class CalibrateView(OrbitView):
 
     @property
     def _cameras(self) -> list[Camera]:
-        """In the order of the report."""
+        """The cameras in the order of the report."""
         return [self._rig[name] for name in held_out_first(self._rig.names, held_out_cameras(self.workspace.context))]
 
     def _figures(self, name: str) -> CameraReport | None:
-        """None if the cameras are from a file."""
+        """The report on a camera; None if the cameras are from a file."""
         report = self._checked.report
         return report.cameras.get(name) if isinstance(report, CalibrationReport) else None
 
@@ -201,7 +201,7 @@ class CalibrateView(OrbitView):
         nearest = self.places[::-1]
         named = sorted(nearest, key=lambda place: place[0] != self.camera)
         figures = {name: self._figures(name) if covered is None else None for name, _ in named}
-        words = [name if one is None else f"{name}  {one.mean:.2f} px" for name, one in figures.items()]
+        words = [name if report is None else f"{name}  {report.mean:.2f} px" for name, report in figures.items()]
         draw_labels(canvas, words, [corners for _, corners in named], small)
         self._legend(canvas, small, covered, bool(held_out))
         return canvas.pixels
@@ -307,10 +307,10 @@ class CalibrateView(OrbitView):
         """The columns of the report by title, without empty ones."""
         rows = []
         for camera in self._cameras:
-            found = self._figures(camera.name)
+            report = self._figures(camera.name)
             known = ["", "", ""]
-            if found is not None:
-                known = [f"{found.mean:.2f}", str(found.observations), f"{100 * found.coverage:.0f}%"]
+            if report is not None:
+                known = [f"{report.mean:.2f}", str(report.observations), f"{100 * report.coverage:.0f}%"]
             rows.append([*known, f"{camera.fx:.0f}", *self._checks(camera.name)])
         columns = dict(zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True))
         return {title: words for title, words in columns.items() if any(words)}
@@ -318,11 +318,11 @@ class CalibrateView(OrbitView):
     def _checks(self, name: str) -> list[str]:
         """The last three columns of a camera."""
         verdict, refinement = self._checked.verdict, self._checked.refinement
-        found = verdict.cameras.get(name) if verdict is not None else None
+        checked = verdict.cameras.get(name) if verdict is not None else None
         change = refinement.cameras.get(name) if refinement is not None else None
         return [
-            "" if found is None or found.fits is None else f"{found.fits:.0%} of {found.matches}",
-            "" if found is None or found.mask_error is None else f"{found.mask_error:.0%}",
+            "" if checked is None or checked.fits is None else f"{checked.fits:.0%} of {checked.matches}",
+            "" if checked is None or checked.mask_error is None else f"{checked.mask_error:.0%}",
             "" if change is None else f"{change.degrees:.2f}\N{DEGREE SIGN}, {change.distance:.3g}",
         ]
 

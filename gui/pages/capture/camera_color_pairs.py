@@ -59,7 +59,7 @@ class CameraColorsView(StageView):
         return (path, modified(path), context.config.train.camera_colors, context.config.capture.model_dump_json())
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
-        """See `StageView`. Raises StudioError: the file of the colors is damaged, or there is no footage."""
+        """Draw the pairs. Raises StudioError: the file of the colors is damaged, or there is no footage."""
         context, em = self.workspace.context, self.em
         self.places = []
         if context is None:
@@ -76,7 +76,7 @@ class CameraColorsView(StageView):
     def _read(self, context: Inputs, colors: CameraColors, pictures: _Pictures) -> None:
         footage, frame = context.calibrated_footage, context.groups[0].keyframe
         until = time.monotonic() + SECONDS
-        for name in [one for one in colors.cameras if one not in pictures]:
+        for name in [camera for camera in colors.cameras if camera not in pictures]:
             try:
                 missing = name not in footage.camera_names
                 pictures[name] = "not in the footage" if missing else pair(footage.view(name, frame), colors)
@@ -94,19 +94,19 @@ class CameraColorsView(StageView):
             "gray is, out of 255 levels."
         )
         top = 0.3 * em + canvas.lines(em, 0.5 * em, wrapped(words, small, size[0] - 2 * em), small, DIM)
-        there = [one for one in pictures.values() if not isinstance(one, str)]
-        aspect = float(np.median([2 * one[0].shape[1] / one[0].shape[0] for one in there])) if there else 1.0
+        there = [images for images in pictures.values() if not isinstance(images, str)]
+        aspect = float(np.median([2 * images[0].shape[1] / images[0].shape[0] for images in there])) if there else 1.0
         below = small + 8  # of the names
         for name, box in zip(names, boxes((size[0], round(size[1] - top)), len(names), aspect, below), strict=True):
             x, y, width, high = box.x, top + box.y, box.width, box.height - below
             self.places.append((name, rectangle(x, y, width, box.height)))
-            found = pictures.get(name)
-            if found is None or isinstance(found, str):
+            images = pictures.get(name)
+            if images is None or isinstance(images, str):
                 canvas.rect(x, y, width, high, RAISED)
-                if found is not None:
-                    canvas.lines(x + 6, y + 6, wrapped(found, small, width - 12), small, BAD)
+                if images is not None:
+                    canvas.lines(x + 6, y + 6, wrapped(images, small, width - 12), small, BAD)
             else:
-                for side, picture in enumerate(found):
+                for side, picture in enumerate(images):
                     canvas.fit_image(x + side * width / 2, y, width / 2 - 1, high, picture)
             caption = f"{name}: {counted(round(colors.off_on_gray(name)), 'level')}"
             canvas.text(x + width / 2, y + high + 2, caption, small, TEXT, align="middle", width=width)
@@ -122,8 +122,8 @@ def pair(view: FootageView, colors: CameraColors) -> tuple[np.ndarray, np.ndarra
     left, top, width, height = mask_box(view.mask, MARGIN, name)
     inside = (slice(top, top + height), slice(left, left + width))
     seen = torch.from_numpy(np.ascontiguousarray(view.image[inside])) / 255
-    found = uncorrected(seen, torch.tensor(colors.cameras[name])).clamp(0, 1)
-    corrected = (255 * found).round().byte().numpy()
+    colors_seen = uncorrected(seen, torch.tensor(colors.cameras[name])).clamp(0, 1)
+    corrected = (255 * colors_seen).round().byte().numpy()
     scale = min(1.0, TALLEST / height)
     small = (max(round(scale * width), 1), max(round(scale * height), 1))
     filmed, corrected = (

@@ -88,11 +88,12 @@ class GarbageDrawing:
         except StudioError as error:
             self.outcome.emit(str(error))
             return
-        one = old.get(camera, GarbagePolygons())
-        x, y = (np.array(at) * _scale(one, size)).tolist()
-        left = tuple(each for each in one.remove if cv2.pointPolygonTest(each.astype(np.float32), (x, y), False) < 0)
-        if len(left) < len(one.remove):
-            self._write({**old, camera: replace(one, remove=left)}, f"delete a garbage mask of {camera}")
+        polygons = old.get(camera, GarbagePolygons())
+        x, y = (np.array(at) * _scale(polygons, size)).tolist()
+        inside = cv2.pointPolygonTest
+        left = tuple(each for each in polygons.remove if inside(each.astype(np.float32), (x, y), False) < 0)
+        if len(left) < len(polygons.remove):
+            self._write({**old, camera: replace(polygons, remove=left)}, f"delete a garbage mask of {camera}")
 
     def leave(self) -> bool:
         """Forget the unfinished polygon; returns whether there was one."""
@@ -107,9 +108,9 @@ class GarbageDrawing:
         except StudioError as error:
             self.outcome.emit(str(error))
             return
-        one = old.get(camera, GarbagePolygons())
-        polygon = np.array(self.corners) * _scale(one, size)
-        new = {**old, camera: replace(one, remove=(*one.remove, polygon))}
+        polygons = old.get(camera, GarbagePolygons())
+        polygon = np.array(self.corners) * _scale(polygons, size)
+        new = {**old, camera: replace(polygons, remove=(*polygons.remove, polygon))}
         if self._write(new, f"garbage mask of {camera}"):
             self.corners = ()
 
@@ -135,7 +136,7 @@ class GarbageDrawing:
         take, context = workspace.take, workspace.context
         if take is None or context is None:
             return False
-        left = {camera: one for camera, one in polygons.items() if one.keep or one.remove}
+        left = {camera: own for camera, own in polygons.items() if own.keep or own.remove}
         after: _State = (DRAWN, left) if left else (None, None)
         try:
             before: _State = (setting_value(context.config, SETTING), self._own())

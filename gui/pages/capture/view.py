@@ -55,7 +55,7 @@ class CaptureView(StageView):
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """For the inspector: which files were found, and how they are read."""
+        """Which files were found, and how they are read."""
         return [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
 
     def state(self) -> Hashable:
@@ -251,7 +251,7 @@ class FootageCheck:
             self._worker.ask(context)
 
     def _ended(self, done: Done[Inputs, None]) -> None:
-        """Also taken so that the footage that was checked is not kept."""
+        """Forget the footage that was checked, and note why that failed."""
         if done.error is not None:
             self.words, self.problems = "check failed", (str(done.error),)
 

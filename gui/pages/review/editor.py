@@ -294,6 +294,6 @@ class Editor:
 
 @lru_cache(maxsize=1)
 def _group_ends(take: Take, results: int) -> tuple[int, ...]:
-    """See `Editor`; `results` changes with the trained frames."""
+    """First trained frame of each group, and the number of all; `results` changes with them."""
     files, starts = take.trained_files()
     return (*starts, len(files))

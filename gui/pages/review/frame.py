@@ -21,7 +21,7 @@ KEPT = 8  # selections that are kept: a drag compares two, a proposal a few more
 
 
 class EditedFrame:
-    """See the module. For one thread. `paths`: of the group."""
+    """A trained frame with the splats of its group, whose `paths` say where they are. For one thread."""
 
     at: int
     group: Group
@@ -54,7 +54,7 @@ class EditedFrame:
     def selection(self, edits: EditList) -> Selection:
         """What edits of the take remove of the group."""
         edits = edits_of_group(edits, self.group)
-        return self._selections.get_or_make(edits, lambda one: select(one, self.paths))
+        return self._selections.get_or_make(edits, lambda wanted: select(wanted, self.paths))
 
     def proposed_floaters(self, edits: EditList) -> Floaters:
         """The first of `FLOATERS` that remove something else than the edits do; the last if none does."""
@@ -69,5 +69,5 @@ class EditedFrame:
         visible = ~removed & (self.paths.opacities[self.at] > SEEN)
         if not visible.any():
             visible = ~removed
-        found: np.ndarray = self.paths.means[self.at][visible].astype(np.float64)
-        return found
+        points: np.ndarray = self.paths.means[self.at][visible].astype(np.float64)
+        return points

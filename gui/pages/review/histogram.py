@@ -11,7 +11,7 @@ _WIDTH, _HEIGHT, _MARGIN = 17.0, 7.5, 0.6  # of the whole panel and around it, e
 
 
 class HistogramPlace:
-    """Where the bars are: in the lower left corner of an image of some size (width, height), pixels."""
+    """The place of the bars: the lower left corner of an image of some size (width, height), pixels."""
 
     def __init__(self, size: tuple[int, int], em: float) -> None:
         self.em, self.left, self.height = em, (_MARGIN + 0.6) * em, (_HEIGHT - 3.4) * em

@@ -96,8 +96,8 @@ def _with_numbers(edits: EditList, kind: str, texts: dict[str, str], up: np.ndar
         point = back.points(_number(texts["height"], "height") * placed_up)
         return edits.with_(ground=Ground.model_validate({"normal": up.tolist(), "height": float(point @ up)}))
     if kind == "floaters":
-        values = {key: _number(text, key) for key, text in texts.items() if text}
-        return edits.with_(floaters=Floaters.model_validate(values))
+        limits = {key: _number(text, key) for key, text in texts.items() if text}
+        return edits.with_(floaters=Floaters.model_validate(limits))
     placed = {
         "up": _vector(texts["up"], "up").tolist() if texts["up"] else None,
         "origin": _vector(texts["origin"] or "0 0 0", "origin").tolist(),
@@ -119,9 +119,9 @@ def _with_detail(edits: EditList, texts: dict[str, str]) -> EditList:
     return edits.with_(details=tuple(others))
 
 
-def _text(values: np.ndarray) -> str:
-    least = 1e-9 * max(float(np.abs(values).max()), 1e-9)
-    return " ".join(f"{0.0 if abs(value) < least else value:.4g}" for value in values)
+def _text(numbers: np.ndarray) -> str:
+    least = 1e-9 * max(float(np.abs(numbers).max()), 1e-9)
+    return " ".join(f"{0.0 if abs(value) < least else value:.4g}" for value in numbers)
 
 
 def _number(text: str, key: str) -> float:

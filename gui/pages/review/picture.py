@@ -101,7 +101,7 @@ def _scene(
     edits, number = shown.pending or shown.edits, edited.paths.frames[edited.at]
     points = seen if len(seen) else np.zeros((1, 3))
     middle, reach = np.median(points, axis=0), float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-    colors = {shown.tool: ACCENT}  # of what the tool changes
+    colors = {shown.tool: ACCENT}  # by tool: what it changes looks chosen
     among = []
     if edits.ground is not None:
         grid, _ = grid_lines(middle, edits.ground.unit, edits.ground.height, 0.6 * reach)

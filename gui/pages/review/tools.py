@@ -84,13 +84,13 @@ def hint(tool: Tool, selected: int | None, back: int, floaters: Floaters | None,
     words = HINTS.get(tool, "")
     if selected is None:
         return words
-    found = f"{counted(selected, 'splat') if selected else 'No splats'} selected"
+    says = f"{counted(selected, 'splat') if selected else 'No splats'} selected"
     if tool == Tool.FLOATERS:
         if in_use:
             return f"Removed already: {_limits(floaters)}. Change the limits with Numbers."
         more = f", {back:,} no longer removed" if back else ""
-        return f"{found}{more}: {_limits(floaters)}. Press Remove, or change the limits with Numbers."
-    return f"{found}. Press Remove. {words}" if selected else f"{found}. {words}"
+        return f"{says}{more}: {_limits(floaters)}. Press Remove, or change the limits with Numbers."
+    return f"{says}. Press Remove. {words}" if selected else f"{says}. {words}"
 
 
 def _limits(floaters: Floaters | None) -> str:

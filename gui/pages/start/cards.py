@@ -58,7 +58,7 @@ class Card:
 
     @property
     def folder(self) -> str:
-        """Where it is, with "~" for the home folder."""
+        """The folder that it is in, with "~" for the home folder."""
         if self.kind == CardKind.WEB:
             return self.place
         parent, home = str(Path(self.place).parent), str(Path.home())

@@ -77,13 +77,13 @@ class StartImage:
         return max(self.full + self.down - self.height, 0.0)
 
     def at(self, x: float, y: float) -> str:
-        """Name of what is at a position; "" if it is nothing."""
+        """The name of the button or card at a position; "" if there is none."""
         return self.crosses.at(x, y) or self.boxes.at(x, y) or ""
 
     def scrolled_to(self, name: str) -> float:
-        """How far the page must be scrolled down to show what has this name."""
-        for (_, y, _, high), one in self.boxes.all:
-            if one == name:
+        """How far the page must be scrolled down to show the button or card with a name."""
+        for (_, y, _, high), other in self.boxes.all:
+            if other == name:
                 above, below = min(y - self.em, 0.0), max(y + high + 3 * self.em - self.height, 0.0)
                 return min(max(self.down + (above or below), 0.0), self.most_down)
         return self.down

@@ -1,4 +1,4 @@
-"""StartPage: the cards of what was open recently, the queue of takes, and which of them has the keyboard focus."""
+"""StartPage: the cards of recent takes and streams, the queue of takes, and the keyboard focus."""
 
 import time
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ class StartPage:
         self.places: tuple[str, ...] = ()
         self.cards: dict[str, Card] = {}  # by place, as far as they are known
         self.pictures: dict[str, np.ndarray | None] = {}  # thumbnails by place; None where there is nothing to see
-        # focus: name of what has the keyboard focus, see `drawing`: "new", "card 0",
+        # focus: name of the button or card with the keyboard focus, see `drawing`: "new", "card 0",
         self.focus, self.back = "new", ""
         self._stamps: dict[str, object] = {}
         self._looked: dict[str, float] = {}

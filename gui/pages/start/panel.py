@@ -12,7 +12,7 @@ _MOVES = {gui.KeyName.LEFT: (-1, 0), gui.KeyName.RIGHT: (1, 0), gui.KeyName.UP: 
 
 
 class StartPanel:
-    """See the module. `act`: called with the name of what was chosen, see `StartImage`."""
+    """The start page over the window. `act`: called with the name of the chosen button or card, see `StartImage`."""
 
     def __init__(self, page: StartPage, em: float, act: Callable[[str], None], changed: Callable[[], None]) -> None:
         self.page, self._em, self._act, self._changed = page, em, act, changed
@@ -26,7 +26,7 @@ class StartPanel:
 
     @property
     def places(self) -> dict[str, list[float]]:
-        """The middle of what can be chosen, 0 to 1 across and down the page, by name."""
+        """The middles of buttons and cards, 0 to 1 across and down the page, by name."""
         size = self.picture.size
         return self._list.boxes.middles(size) | self._list.crosses.middles(size)
 

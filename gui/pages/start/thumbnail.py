@@ -24,18 +24,18 @@ _VERSION = "1"  # to be changed whenever a thumbnail of the same take would look
 
 
 def thumbnail(place: str) -> np.ndarray | None:
-    """(270, 480, 3) uint8 RGB of what a recent place shows: its first frame, or an image of its footage; None for a URL
-    and where there is nothing to see. StudioError if it is damaged."""
+    """A recent place as (270, 480, 3) uint8 RGB: its first frame, or an image of its footage; None for a URL and where
+    there is nothing to see. StudioError if it is damaged."""
     if is_address(place):
         return None
     name = hashlib.sha256(repr((_VERSION, place, _contents(place))).encode()).hexdigest()
     kept = cache_folder() / "thumbnails" / f"{name[:32]}.png"
-    found = _read(kept)
-    if found is None:
-        found = _made(place)
-        if found is not None:
-            _write(kept, found)
-    return found
+    image = _read(kept)
+    if image is None:
+        image = _made(place)
+        if image is not None:
+            _write(kept, image)
+    return image
 
 
 def _contents(place: str) -> list[int]:
@@ -50,8 +50,8 @@ def _made(place: str) -> np.ndarray | None:
         try:
             gaussians = first_whole(opened.default)
         finally:
-            for one in opened.sources.values():
-                one.close()
+            for source in opened.sources.values():
+                source.close()
         orbit = OrbitCamera.showing(body_of(gaussians), opened.up, opened.view)
         return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
     if opened.take is None:
@@ -82,6 +82,6 @@ def _write(path: Path, image: np.ndarray) -> None:
     with contextlib.suppress(OSError):  # without a cache, it is drawn again next time
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
-        kept = sorted(path.parent.glob("*.png"), key=lambda one: one.stat().st_mtime)
+        kept = sorted(path.parent.glob("*.png"), key=lambda file: file.stat().st_mtime)
         for old in kept[:-KEPT]:
             old.unlink(missing_ok=True)

@@ -64,7 +64,7 @@ class Dialogs:
 
     @property
     def room(self) -> int:
-        """Largest width of what a dialog shows, pixels: the toolkit makes none wider than 0.8 of the window."""
+        """Largest width of the contents of a dialog, pixels: the toolkit makes none wider than 0.8 of the window."""
         return round(0.78 * self._window.content_rect.width - 2 * self.em)
 
     def fitting(self, wide: float, high: float, others: float) -> tuple[int, int]:
@@ -153,7 +153,7 @@ class Dialogs:
         self.remembered(folder)
 
     def usual_folder(self, *others: Path) -> Path:
-        """Where a dialog for a path begins: the last folder, the first of `others` that there is, or home."""
+        """The folder in which a dialog for a path begins: the last, the first of `others` that exists, or home."""
         last = [Path(self.last_folder)] if self.last_folder else []
         return next((path for path in (*last, *others) if path.is_dir()), Path.home())
 

@@ -19,7 +19,7 @@ _CODES = {UP: -1, DOWN: 1, PAGE_UP: -ROWS, PAGE_DOWN: ROWS}  # rows by the X key
 
 
 class CommandDialog:
-    """See the module. `run`: called with the key of the chosen command, after the dialog has closed."""
+    """Finds commands by typing, and runs one. `run`: called with its key, after the dialog has closed."""
 
     def __init__(self, dialogs: Dialogs, run: Callable[[str], object]) -> None:
         self._dialogs, self._run = dialogs, run

@@ -30,10 +30,10 @@ def ask_path(
 
 class _PathDialog:
     def __init__(
-        self, dialogs: Dialogs, found: FolderList, done: Callable[[str], None], cancelled: Callable[[], None]
+        self, dialogs: Dialogs, folders: FolderList, done: Callable[[str], None], cancelled: Callable[[], None]
     ) -> None:
-        self._dialogs, self._found, self._done, self._cancelled = dialogs, found, done, cancelled
-        self._typed = str(found.folder)
+        self._dialogs, self._found, self._done, self._cancelled = dialogs, folders, done, cancelled
+        self._typed = str(folders.folder)
         self._marked: Path | None = None
         self._path = gui.TextEdit()
         self._path.set_on_text_changed(self._type)
@@ -63,11 +63,11 @@ class _PathDialog:
         dialogs.focus(self._path)
 
     def _fill(self) -> None:
-        found = self._found
+        folders = self._found
         self._mark(None)
-        self._typed = str(found.folder)
+        self._typed = str(folders.folder)
         self._path.text_value = self._typed
-        labels = [entry.label for entry in found.entries]
+        labels = [entry.label for entry in folders.entries]
         self._list.set_items(filled(labels, ROWS))
         self._list.selected_index = -1
         self._say()

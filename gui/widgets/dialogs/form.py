@@ -127,10 +127,10 @@ def ask_numbers(
         form.line(key, label)
 
     def done() -> None:
-        found = {key: str(getattr(typed, key)) for key, _, _ in fields}
-        refused = save(found)
+        texts = {key: str(getattr(typed, key)) for key, _, _ in fields}
+        refused = save(texts)
         if refused:
-            again = [(key, label, found[key]) for key, label, _ in fields]
+            again = [(key, label, texts[key]) for key, label, _ in fields]
             ask_numbers(dialogs, title, text, again, save, refused)
         else:
             dialogs.close()

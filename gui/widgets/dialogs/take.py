@@ -30,7 +30,7 @@ HINT = "Click a camera to hold it out; again: not to use it. Drag across the fra
 
 
 class NewTakeDialog:
-    """See the module. The footage is examined on a thread. `create`: called by "Create take"; the dialog stays open."""
+    """Asks for a new take. The footage is examined on a thread. `create`: called by "Create take"; the dialog stays."""
 
     def __init__(self, dialogs: Dialogs, create: Callable[[NewTake], None], changed: Callable[[], object]) -> None:
         self._dialogs, self._create, self._changed = dialogs, create, changed
@@ -174,34 +174,34 @@ class NewTakeDialog:
 
     def _update(self) -> None:
         """Show what is known."""
-        new, found, dialogs = self._new, self._found, self._dialogs
-        inspection, widgets = found.inspection, dialogs.widgets | dialogs.made
-        words = self._error or found.words
-        if found.uses and not self._error:
-            words = f"{uses_words(new.uses or found.uses)}. {HINT}\n{words_beside(found)}"
+        new, facts, dialogs = self._new, self._found, self._dialogs
+        inspection, widgets = facts.inspection, dialogs.widgets | dialogs.made
+        words = self._error or facts.words
+        if facts.uses and not self._error:
+            words = f"{uses_words(new.uses or facts.uses)}. {HINT}\n{words_beside(facts)}"
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
         lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
         self._text.text_color = color(BAD if self._error else DIM)
         self._text.text = exactly(lines, FOUND_LINES)  # the dialog must keep its size
         rate = self._fields["fps"]
-        rate.enabled = found.fps is None
-        if found.fps is not None:
+        rate.enabled = facts.fps is None
+        if facts.fps is not None:
             new.fps = ""
-        put(rate, text_value=new.fps if found.fps is None else f"{found.fps:g}")  # it may be edited
+        put(rate, text_value=new.fps if facts.fps is None else f"{facts.fps:g}")  # it may be edited
         rate.placeholder_text = "30, if nothing is typed" if new.footage or new.settings else ""
-        rate.tooltip = "From the files or the settings" if found.fps is not None else "The files do not say it"
+        rate.tooltip = "From the files or the settings" if facts.fps is not None else "The files do not say it"
         ends = dict.fromkeys((*inspection.frames[:1], *inspection.frames[-1:]))
         self._fields["frames"].placeholder_text = " to ".join(map(str, ends))
         if not new.take:
             self._fields["take"].placeholder_text = new.proposed_take() or "a new folder"
         there = {
-            "images": found.images, "rig": (*inspection.rigs, CALIBRATE), "masks": inspection.masks,
+            "images": facts.images, "rig": (*inspection.rigs, CALIBRATE), "masks": inspection.masks,
             "plates": inspection.plates, "audio": inspection.sounds, "preset": PRESETS,
         }  # fmt: skip
         for attribute, usual in new.unchosen().items():
             kept = getattr(new, attribute) or usual
             _set_items(self._lists[attribute], list(dict.fromkeys((usual, *there[attribute], kept))), kept)
-        uses = new.uses or found.uses
+        uses = new.uses or facts.uses
         dialogs.lines = [f"{name}: {use}" for name, use in uses.items()]
         widgets["suggested"].enabled = bool(inspection.suggested) and "held out" not in uses.values()
         widgets["unmasked"].enabled = any(uses[name] == "training" for name in inspection.unmasked)
@@ -212,16 +212,15 @@ class NewTakeDialog:
 
     @property
     def _sheet(self) -> FootageSheet:
-        found, frames = self._found.inspection, self._found.inspection.frames
+        inspection, frames = self._found.inspection, self._found.inspection.frames
         try:
             span = self._new.span()
         except StudioError:
             span = None
-        words = self._words or ("" if found.cameras else " ")
+        words = self._words or ("" if inspection.cameras else " ")
         uses = self._new.uses or self._found.uses
-        return FootageSheet(
-            self._size, self._dialogs.em, found, uses, span or ((frames[0], frames[-1]) if frames else (0, 0)), words
-        )
+        span = span or ((frames[0], frames[-1]) if frames else (0, 0))
+        return FootageSheet(self._size, self._dialogs.em, inspection, uses, span, words)
 
     # Choosing in the image
 
@@ -253,9 +252,9 @@ class NewTakeDialog:
         self._dialogs.close()
 
 
-def words_beside(found: Found) -> str:
+def words_beside(facts: Found) -> str:
     """What is known about footage besides the choices, which the image and the fields show and may change."""
-    return " ".join(line for line in found.words.splitlines() if line not in found.inspection.choices)
+    return " ".join(line for line in facts.words.splitlines() if line not in facts.inspection.choices)
 
 
 def _set_items(box: gui.Combobox, items: Sequence[str], chosen: str) -> None:

@@ -40,9 +40,9 @@ class WorstSheet:
     @cached_property
     def frames(self) -> Sequence[tuple[WorstFrame, Box]]:
         """The frames, the worst first, and where each is."""
-        found = self.evaluation.worst(MOST)
+        worst = self.evaluation.worst(MOST)
         room = (round(self.size[0] - TABLE * self.em), self.size[1])
-        return list(zip(found, boxes(room, max(len(found), 1), 1.0), strict=False))
+        return list(zip(worst, boxes(room, max(len(worst), 1), 1.0), strict=False))
 
     def draw(self, pictures: Pictures) -> np.ndarray:
         """(height, width, 3) uint8."""
@@ -87,7 +87,7 @@ def _parts(frame: WorstFrame) -> str:
 
 
 class WorstDialog:
-    """See the module. `chosen`: called with the frame that was clicked, after the dialog has closed."""
+    """Shows the worst frames. `chosen`: called with the frame that was clicked, after the dialog has closed."""
 
     def __init__(self, dialogs: Dialogs, chosen: Callable[[WorstFrame], None], pictures: Pictures) -> None:
         self._dialogs, self._chosen, self._pictures = dialogs, chosen, pictures
@@ -115,9 +115,9 @@ class WorstDialog:
             self._picture.show(self._sheet.draw(self._pictures))
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
-        found = next((frame for frame, box in self._sheet.frames if box.holds(x, y)), None)
-        if event.type == gui.MouseEvent.Type.BUTTON_UP and found is not None:  # until then, it holds the pressed widget
-            LOOP.post(lambda: self._choose(found))  # the toolkit still uses the widget that would be closed
+        frame = next((frame for frame, box in self._sheet.frames if box.holds(x, y)), None)
+        if event.type == gui.MouseEvent.Type.BUTTON_UP and frame is not None:  # until then, it holds the pressed widget
+            LOOP.post(lambda: self._choose(frame))  # the toolkit still uses the widget that would be closed
         return event.type != gui.MouseEvent.Type.MOVE
 
     def _choose(self, frame: WorstFrame) -> None:
