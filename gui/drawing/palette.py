@@ -50,14 +50,6 @@ class State(StrEnum):
     WAITING = "waiting"
 
 
-STATE_COLORS: dict[State, RGB] = {
-    State.DONE: GOOD,
-    State.PARTIAL: FAIR,
-    State.STALE: FAIR,
-    State.FAILED: BAD,
-    State.MISSING: FAINT,
-    State.RUNNING: ACCENT,
-    State.WAITING: ACCENT_DARK,
-}
+STATE_COLORS = dict(zip(State, (GOOD, FAIR, FAIR, BAD, FAINT, ACCENT, ACCENT_DARK), strict=True))
 
 AXES: tuple[RGB, RGB, RGB] = (BAD, GOOD, (110, 150, 235))  # colors of the x, y and z axes

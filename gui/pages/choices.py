@@ -1,28 +1,39 @@
 """The buttons above the view: (key, label, tooltip). An empty key is a gap."""
 
 from enum import StrEnum
+from typing import Self
 
 from v3studio.gui.drawing.compare import Mode, What
 from v3studio.gui.widgets.modes import Choice
 
 
 class ViewMode(StrEnum):
-    """What the view of a stage shows."""
+    """What the view of a stage shows, with the tooltip of its button."""
+
+    tooltip: str
+
+    def __new__(cls, value: str, tooltip: str = "") -> Self:
+        mode = str.__new__(cls, value)
+        mode._value_, mode.tooltip = value, tooltip
+        return mode
 
     AS_FILMED = ""
-    MASKS = "masks"
-    EVIDENCE = "evidence"
-    GARBAGE = "garbage masks"
-    CAMERAS = "cameras"
-    COVERAGE = "coverage"
-    REPORT = "report"
-    BY_HAND = "points by hand"
-    MESH = "mesh"
-    POINTS = "points"
-    PROGRESS = "progress"
-    CAMERA_COLORS = "camera colors"
-    BYTES = "bytes"
-    OTHER_QPS = "try other QPs"
+    MASKS = "masks", "Darken the background, and outline the masks; again: the images as filmed"
+    EVIDENCE = "evidence", "What each camera alone takes for the performer (light), and how far its mask is off"
+    GARBAGE = "garbage masks", "Draw where the performer never is: click a camera, then the corners of a polygon"
+    CAMERAS = "cameras", "Camera frustums with their images, and sparse points"
+    COVERAGE = "coverage", "Directions around the performer, and its surface, by how well the training cameras see them"
+    REPORT = "report", "Reprojection error per camera"
+    BY_HAND = "points by hand", "Mark tie points manually, for footage with too few automatic matches"
+    MESH = "mesh", "Visual hull of the group's keyframe"
+    POINTS = "points", "Initial points for training"
+    PROGRESS = "progress", "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage"
+    CAMERA_COLORS = (
+        "camera colors",
+        "Each camera's image as filmed, and in the mean camera's colors",
+    )
+    BYTES = "bytes", "Size by attribute and by group"
+    OTHER_QPS = "try other QPs", "Size and PSNR at other quantization parameters, measured on a whole group"
 
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
@@ -56,20 +67,4 @@ SCENE_CHOICES: tuple[Choice, ...] = (
 DIALOGS = {  # label and tooltip of the buttons that open a dialog, by page and key
     ("capture", "cameras"): ("Cameras...", "Which cameras are used, and which are held out"),
     ("bake", "bakes"): ("Bakes...", "Bakes that the take keeps: compare, keep another one"),
-}
-
-TOOLTIPS = {
-    ViewMode.MASKS: "Darken the background, and outline the masks; again: the images as filmed",
-    ViewMode.EVIDENCE: "What each camera alone takes for the performer (light), and how far its mask is off",
-    ViewMode.GARBAGE: "Draw where the performer never is: click a camera, then the corners of a polygon",
-    ViewMode.CAMERAS: "Camera frustums with their images, and sparse points",
-    ViewMode.COVERAGE: "Directions around the performer, and its surface, by how well the training cameras see them",
-    ViewMode.REPORT: "Reprojection error per camera",
-    ViewMode.BY_HAND: "Mark tie points manually, for footage with too few automatic matches",
-    ViewMode.MESH: "Visual hull of the group's keyframe",
-    ViewMode.POINTS: "Initial points for training",
-    ViewMode.PROGRESS: "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage",
-    ViewMode.CAMERA_COLORS: "Each camera's image as filmed and in the mean camera's colors, if 'camera colors' is set",
-    ViewMode.BYTES: "Size by attribute and by group",
-    ViewMode.OTHER_QPS: "Size and PSNR at other quantization parameters, measured on a whole group",
 }

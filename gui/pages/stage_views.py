@@ -15,7 +15,7 @@ from v3studio.gui.pages.calibrate.points_view import PointsView
 from v3studio.gui.pages.calibrate.view import CalibrateView
 from v3studio.gui.pages.capture.camera_color_pairs import CameraColorsView
 from v3studio.gui.pages.capture.view import CaptureView
-from v3studio.gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, TOOLTIPS, Choice, ViewMode
+from v3studio.gui.pages.choices import DIALOGS, REVIEW_CHOICES, SCENE_CHOICES, Choice, ViewMode
 from v3studio.gui.pages.initialize import InitializeView
 from v3studio.gui.pages.newest_image import NewestImage
 from v3studio.gui.pages.review.editor import Editor
@@ -73,7 +73,7 @@ class StageViews:
     def choices(self) -> dict[str, tuple[Choice, ...]]:
         """Buttons above the viewport, by stage."""
         by_stage: dict[str, tuple[Choice, ...]] = {
-            stage: tuple((mode, mode[0].upper() + mode[1:], TOOLTIPS[mode]) for mode in stage_view.modes)
+            stage: tuple((mode, mode[0].upper() + mode[1:], mode.tooltip) for mode in stage_view.modes)
             for stage, stage_view in self.stage_views.items()
         }
         for (stage, key), (label, tooltip) in DIALOGS.items():
@@ -105,7 +105,7 @@ class StageViews:
         player.transport.pause()
         self.stage = "review"
         self.editing, self._edits = True, self.editor.edits
-        self.editor.choose_tool(Tool.LOOK)
+        self.editor.choose_tool(Tool.ORBIT)
         self.show_again()
 
     def leave_edits(self) -> bool:
@@ -113,7 +113,7 @@ class StageViews:
         if not self.edits_take:
             return False
         if self.editor.pending is not None or self.editor.clicks:
-            self.editor.choose_tool(Tool.LOOK)
+            self.editor.choose_tool(Tool.ORBIT)
             return True
         self.editing = False
         if self.editor.edits != self._edits and self.player.what == What.DECODED:
@@ -168,7 +168,7 @@ class StageViews:
 
     def _choose_edit(self, key: str) -> None:
         if key == "done":
-            self.editor.choose_tool(Tool.LOOK)
+            self.editor.choose_tool(Tool.ORBIT)
             self.leave_edits()
         elif key in ("numbers", "list"):
             self.edit_dialog.emit(key)

@@ -42,7 +42,7 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     window = open_window(str(take_copy))
     window.wait_for("a take", lambda s: s["stages"]["review"][0] == "done" and s["shown"] is not None)
     window.key("Home")
-    window.key("x", until=("the edits", lambda s: "look" in s["mode"] and "lasso" in s["widgets"] and s["settled"]))
+    window.key("x", until=("the edits", lambda s: "orbit" in s["mode"] and "lasso" in s["widgets"] and s["settled"]))
     window.click("brush", until=("the brush", lambda s: "brush" in s["mode"]))
     tops = {window.states()[-1]["widgets"][name][1] for name in ("done", "brush", "remove", "removed")}
     assert len(tops) <= 3, "all buttons have words, in three rows at most"
@@ -66,7 +66,7 @@ def test_edits_the_scene_cameras_and_points(open_window: Callable[..., RunningWi
     assert region.frames == (0, 0)
     window.wait_for("one group to bake", lambda s: s["stages"]["bake"][0] == "partial")
     window.chord("z", until=("no edits", lambda s: s["edits"] == {} and s["settled"]))
-    window.click("look", until=("no tool", lambda s: "look" in s["mode"]))
+    window.click("orbit", until=("no tool", lambda s: "orbit" in s["mode"]))
     window.click("numbers", until=("kinds", lambda s: s["dialog"] == "edit kinds"))
     state = window.click("dialog choice1", until=("typing", lambda s: s["dialog"] == "numbers" and s["typing"]))
     assert state["widgets"]["dialog height"][2] >= 16 * 16, "16 em: three numbers can be read"

@@ -1,7 +1,6 @@
 """Shares as chosen in a dialog, and what they take."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,24 +10,15 @@ from v3studio.pipelines.runs.staleness import StageStatus
 from v3studio.pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
 from v3studio.studio.counts import counted, size_words
 
-
-class Form(StrEnum):
-    """How a stream is shared."""
-
-    FOLDER = "folder"
-    SINGLE_FILE = "single-file"
-    SERVE = "serve"
-
-
 FORMS: dict[str, tuple[str, str]] = {  # label, and what the name of the file or folder ends in
-    Form.FOLDER: ("Folder for a web server", "-share"),
-    Form.SINGLE_FILE: ("Single HTML file", ".html"),
+    "folder": ("Folder for a web server", "-share"),
+    "single-file": ("Single HTML file", ".html"),
 }
 
-PHONES: dict[str, str] = {  # what viewers need
-    Form.FOLDER: "Upload the folder to any web server, under any path.\n"
+PHONES = {  # what viewers need
+    "folder": "Upload the folder to any web server, under any path.\n"
     "Phones decode fastest, and check what they receive, from https:// addresses.",
-    Form.SINGLE_FILE: "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
+    "single-file": "Opens in a desktop browser from the disk. Phones seldom open HTML files\n"
     "that were sent to them: share a folder for phones, or serve it.",
 }
 
@@ -107,15 +97,15 @@ class ShareRequest(NamedTarget):
 
 
 def share_words(size: ShareSize, form: str) -> str:
-    """What a share takes, as a sentence; `form`: of `Form`."""
+    """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
     parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {size_words(size.stream_bytes)}"
-    if form == Form.SINGLE_FILE:
+    if form == "single-file":
         if not size.single_file_possible:
             most = size_words(MAX_SINGLE_FILE_BYTES)
             return f"{parts}. A single file holds {most} at most; share a folder instead."
         return f"{parts}, the file about {size_words(size.single_file_bytes)}."
     player = f"{parts}, player {size_words(size.player_bytes)}"
-    return f"{player}." if form == Form.SERVE else f"{player}, and a poster."
+    return f"{player}." if form == "serve" else f"{player}, and a poster."
 
 
 def stale_words(bake: StageStatus | None, checked: bool, unreadable: bool) -> str:

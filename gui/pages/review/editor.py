@@ -12,7 +12,7 @@ from v3studio.gui.models.playback.viewpoint import Viewpoint
 from v3studio.gui.models.scene.handles import default_crop, default_ground, up_of
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.gui.pages.review.details import marked
+from v3studio.gui.pages.review.handles import marked
 from v3studio.gui.pages.review.tools import BRUSH, BRUSH_STEP, DRAWS, LEAST_BRUSH, MOST_BRUSH, Stroke, Tool
 from v3studio.pipelines.takes.authored.edits import change_edits, describe
 from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
@@ -53,7 +53,7 @@ class Editor:
         self.range_wanted: Signal[[range]] = Signal()
         self.two_points: Signal[[np.ndarray, np.ndarray]] = Signal()
         self.refusal: Signal[[str]] = Signal()
-        self.tool, self.show_removed = Tool.LOOK, False
+        self.tool, self.show_removed = Tool.ORBIT, False
         self.pending: EditList | None = None  # the edits with what is selected or being dragged; None if nothing is
         self.clicks: tuple[tuple[float, ...], ...] = ()  # picked points, world
         self.frame, self.numbers = 0, FrameNumbers()
@@ -166,7 +166,7 @@ class Editor:
         except StudioError as error:
             refused = self.refuse(str(error))
         if self.tool == Tool.FLOATERS:
-            self.tool = Tool.LOOK
+            self.tool = Tool.ORBIT
         return refused
 
     def _write(self, before: EditList, edits: EditList, words: str) -> None:

@@ -16,10 +16,9 @@ from v3studio.gui.models.scene.contents import Color, Lines, axis_lines, box_lin
 from v3studio.gui.models.scene.fragments import line_fragments, point_fragments
 from v3studio.gui.models.scene.handles import Handle
 from v3studio.gui.models.scene.orbit import OrbitCamera
-from v3studio.gui.pages.review.details import detail_lines
 from v3studio.gui.pages.review.editor import Measured
 from v3studio.gui.pages.review.frame import EditedFrame
-from v3studio.gui.pages.review.handles import tool_handles
+from v3studio.gui.pages.review.handles import detail_lines, tool_handles
 from v3studio.gui.pages.review.histogram import HistogramPlace, draw_histogram
 from v3studio.gui.pages.review.tools import PLACES, Stroke, Tool, hint
 from v3studio.gui.pages.stage_view import Size

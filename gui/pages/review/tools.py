@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 from v3studio.gui.pages.choices import Choice
 from v3studio.studio.counts import counted
@@ -9,18 +10,39 @@ from v3studio.studio.edits.edit_list import Floaters
 
 
 class Tool(StrEnum):
-    """What the mouse does to the edits."""
+    """What the mouse does to the edits, with the tooltip of its button, and what the view says about it."""
 
-    LOOK = "look"
-    CROP = "crop"
-    GROUND = "ground"
-    FLOATERS = "floaters"
-    LASSO = "lasso"
-    BRUSH = "brush"
-    ORIGIN = "origin"
-    UP = "up"
-    SCALE = "scale"
-    DETAIL = "detail"
+    tooltip: str
+    hint: str
+
+    def __new__(cls, value: str, tooltip: str, hint: str = "") -> Self:
+        tool = str.__new__(cls, value)
+        tool._value_, tool.tooltip, tool.hint = value, tooltip, hint
+        return tool
+
+    ORBIT = "orbit", "Drags turn the view"
+    CROP = "crop", "Drag the faces of a box; splats outside are removed", "Drag the dots on the faces."
+    GROUND = "ground", "Drag a plane up or down; splats below are removed", "Drag the dot up or down."
+    FLOATERS = "floaters", "Select small clusters and faint splats; the histogram and Numbers set the limits"
+    LASSO = "lasso", "Draw around splats to select them; right drags pan", "Draw around what should go."
+    BRUSH = (
+        "brush",
+        "Paint over splats to select them; right drags pan",
+        "Paint what should go; - and + set the size.",
+    )
+    ORIGIN = "origin", "Click the point that becomes the origin", "Click the new origin."
+    UP = "up", "Click a point, then one straight above it: up becomes +y", "Click a point, then one straight above it."
+    SCALE = "scale", "Click two points, and say how far apart they are", "Click two points whose distance you know."
+    DETAIL = (
+        "detail",
+        "Click a face or a hand: training gives it more splats",
+        "Click a face or a hand; drag its dot.",
+    )
+
+
+def _buttons(*tools: Tool) -> tuple[Choice, ...]:
+    """The buttons of tools, after a gap."""
+    return (("", "", ""), *((tool, tool.capitalize(), tool.tooltip) for tool in tools))
 
 
 EDIT_CHOICES: tuple[Choice, ...] = (
@@ -28,21 +50,11 @@ EDIT_CHOICES: tuple[Choice, ...] = (
     ("", "", ""),
     ("in", "Trim in", "In point: the first frame to keep is this one"),
     ("out", "Trim out", "Out point: the last frame to keep is this one"),
-    ("", "", ""),
-    (Tool.LOOK, "Orbit", "Drags turn the view"),
-    (Tool.CROP, "Crop", "Drag the faces of a box; splats outside are removed"),
-    (Tool.GROUND, "Ground", "Drag a plane up or down; splats below are removed"),
-    (Tool.FLOATERS, "Floaters", "Select small clusters and faint splats; the histogram and Numbers set the limits"),
-    (Tool.LASSO, "Lasso", "Draw around splats to select them; right drags pan"),
-    (Tool.BRUSH, "Brush", "Paint over splats to select them; right drags pan"),
+    *_buttons(Tool.ORBIT, Tool.CROP, Tool.GROUND, Tool.FLOATERS, Tool.LASSO, Tool.BRUSH),
     ("", "", ""),
     ("remove", "Remove", "Remove what is selected"),
-    ("", "", ""),
-    (Tool.ORIGIN, "Origin", "Click the point that becomes the origin"),
-    (Tool.UP, "Up", "Click a point, then one straight above it: up becomes +y"),
-    (Tool.SCALE, "Scale", "Click two points, and say how far apart they are"),
-    ("", "", ""),
-    (Tool.DETAIL, "Detail", "Click a face or a hand: training gives it more splats"),
+    *_buttons(Tool.ORIGIN, Tool.UP, Tool.SCALE),
+    *_buttons(Tool.DETAIL),
     ("", "", ""),
     ("numbers", "Numbers", "Set the crop box, ground, floaters, world or a detail in numbers"),
     ("list", "List", "List the edits, and take some back"),
@@ -58,17 +70,6 @@ BRUSH_STEP = 1.25  # what a key press multiplies or divides it by
 FLOATERS = (Floaters(opacity=0.02, share=0.005), Floaters(opacity=0.05, share=0.01), Floaters(opacity=0.1, share=0.02))
 """Limits to propose, from careful to bold: the first that select anything."""
 
-HINTS = {
-    Tool.CROP: "Drag the dots on the faces.",
-    Tool.GROUND: "Drag the dot up or down.",
-    Tool.LASSO: "Draw around what should go.",
-    Tool.BRUSH: "Paint over what should go. - and + change the size.",
-    Tool.ORIGIN: "Click the new origin.",
-    Tool.UP: "Click a point, then one straight above it.",
-    Tool.SCALE: "Click two points whose distance you know.",
-    Tool.DETAIL: "Click a face or a hand that training should give more splats. Drag a dot to change the size.",
-}
-
 
 @dataclass(frozen=True)
 class Stroke:
@@ -81,7 +82,7 @@ class Stroke:
 def hint(tool: Tool, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
     """What to do next, over the image; "" if there is nothing to say. Numbers of splats in the group: `selected`, None
     if nothing was tried; `back`: no longer removed. `in_use`: these limits are among the take's edits already."""
-    words = HINTS.get(tool, "")
+    words = tool.hint
     if selected is None:
         return words
     says = f"{counted(selected, 'splat') if selected else 'No splats'} selected"

@@ -28,12 +28,7 @@ from v3studio.gui.pages.start.cards import Card, CardKind, date_words
 from v3studio.gui.pages.start.page import StartPage
 from v3studio.studio.comparison.metrics import MAIN
 
-_NO_IMAGE = {  # what is said instead of an image
-    CardKind.WEB: "stream on the web",
-    CardKind.MISSING: "missing",
-    CardKind.DAMAGED: "no image",
-    CardKind.UNKNOWN: "",
-}
+_NO_IMAGE = {CardKind.WEB: "stream on the web", CardKind.MISSING: "missing", CardKind.UNKNOWN: ""}
 BUTTONS = (
     ("new", "New take from footage", "From a folder of videos or images"),
     ("open", "Open take", "Or the folder of a stream"),
@@ -172,7 +167,7 @@ class StartImage:
             canvas.image(x + 1, y + 1, cv2.resize(picture, size, interpolation=inter))
         else:
             canvas.rect(x + 1, y + 1, wide - 2, tall, GROUND)
-            canvas.text(x + wide / 2, y + 0.45 * tall, _NO_IMAGE.get(card.kind, "no image yet"), small, DIM, "middle")
+            canvas.text(x + wide / 2, y + 0.45 * tall, _NO_IMAGE.get(card.kind, "no image"), small, DIM, "middle")
         top, room = y + tall + 0.5 * em, wide - 2 * pad
         date = date_words(card.changed)
         normal = round(em)

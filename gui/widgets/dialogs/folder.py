@@ -105,13 +105,8 @@ class _PathDialog:
 
     def _enter(self) -> None:
         """Handle Enter: go to a typed folder and list it; otherwise like Open."""
-        typed = Path(self._typed.strip() or ".").expanduser()
-        if (
-            self._marked is None
-            and typed != self._found.folder
-            and typed.is_dir()
-            and self._found.wanted == Kind.FOLDER
-        ):
+        typed, folders = Path(self._typed.strip() or ".").expanduser(), self._found
+        if self._marked is None and typed != folders.folder and typed.is_dir() and folders.wanted == Kind.FOLDER:
             self._moved(lambda: self._found.enter(typed.absolute()))
         else:
             self._open()

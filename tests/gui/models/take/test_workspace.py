@@ -13,7 +13,7 @@ from tests.support.waiting import wait_until
 from tests.support.warm_python import forking, warm_python
 from v3studio.gui.models.stage_rows import TITLES
 from v3studio.gui.models.take.jobs import Job
-from v3studio.gui.models.take.run_state import RunState
+from v3studio.gui.models.take.run_state import Level, RunState
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.events import (
     Event,
@@ -54,7 +54,7 @@ def test_a_run_told_by_its_events() -> None:
     run.apply(StageFailed(stage="bake", message="The disk is full.", traceback=""))
     run.apply(Finished(outcome="failed", seconds=3.0, message="The disk is full."))
     assert (run.outcome, run.failed) == ("failed", {"bake": "The disk is full."})
-    assert [line.kind for line in run.lines].count("error") == 2
+    assert [line.level for line in run.lines].count(Level.ERROR) == 2
     assert sum("disk is full" in line.text for line in run.lines) == 1, "reported once"
     following = run.followed()
     assert following.outcome == ""

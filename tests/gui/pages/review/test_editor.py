@@ -48,7 +48,7 @@ def test_tools_begin_with_what_was_measured_and_another_tool_lets_go_of_it(edito
     assert editor.pending is not None
     assert editor.pending.ground is not None
     assert editor.pending.floaters is None
-    editor.press("look")
+    editor.press("orbit")
     assert editor.pending is None
     assert len(chosen) == 3
 

@@ -43,9 +43,9 @@ def test_what_is_not_a_take_is_told(take_copy: Path, tmp_path: Path) -> None:
     (take_copy / "take.json").write_text('{"format": 99}')
     damaged = describe(str(take_copy))
     assert damaged.kind == "damaged"
-    assert "format 99" in damaged.state
+    assert "format 99" in damaged.words
     (tmp_path / "empty").mkdir()
-    assert "neither a take nor a stream" in describe(str(tmp_path / "empty")).state
+    assert "neither a take nor a stream" in describe(str(tmp_path / "empty")).words
 
 
 def test_a_thumbnail_is_drawn_once(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
