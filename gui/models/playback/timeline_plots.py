@@ -76,7 +76,7 @@ Values = Sequence[float | None]
 Series = Mapping[str, Values]
 
 _KINDS: dict[str, RGB] = {What.TRAINED: SECOND, What.DECODED: ACCENT}
-_QUALITY = {f"{one.name}_{kind}": (one, kind) for one in METRICS if one.plotted for kind in _KINDS}
+_QUALITY = {f"{metric.name}_{kind}": (metric, kind) for metric in METRICS if metric.plotted for kind in _KINDS}
 PLOTTED = (*_QUALITY, "bytes", FLICKER.name)  # what is shown of every frame
 
 

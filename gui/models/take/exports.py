@@ -18,15 +18,15 @@ from v3studio.studio.formats import EXPORTS
 from v3studio.studio.formats.camera_path import Key, write_path_keys
 
 _FOLDERS = ("frame", "plates")
-FORMATS = {one.name: (one.title, "" if one.holds in _FOLDERS else one.suffix) for one in EXPORTS.values()}
+FORMATS = {form.name: (form.title, "" if form.holds in _FOLDERS else form.suffix) for form in EXPORTS.values()}
 """Export formats: label, and the file extension (none for folders)."""
 
 ALL_FRAMES = "all"
-WHOLE = tuple(one.name for one in EXPORTS.values() if one.follows_path or one.holds == "stream")
+WHOLE = tuple(form.name for form in EXPORTS.values() if form.follows_path or form.holds == "stream")
 """Formats that always have all frames, or those of their views."""
 
-MOVIES = tuple(one.name for one in EXPORTS.values() if one.holds == "movie")
-SIZED = tuple(one.name for one in EXPORTS.values() if one.holds in ("movie", "plates"))
+MOVIES = tuple(form.name for form in EXPORTS.values() if form.holds == "movie")
+SIZED = tuple(form.name for form in EXPORTS.values() if form.holds in ("movie", "plates"))
 MOVIE_SIZES = ("1280x720", "1920x1080", "720x1280", "1080x1080", "640x360")
 MOVIE_BACKGROUNDS: dict[str, tuple[float, float, float] | None] = {"as captured": None, **BACKGROUNDS}
 """Background of the movie by label; None is the capture's own."""

@@ -276,12 +276,13 @@ def test_qps_are_tried_on_a_whole_group_and_chosen_by_a_click(views: StageViews,
         longest = max(reader.groups, key=lambda group: group.frame_count)
     assert bake.trial.results[22].bytes_per_frame == longest.bytes / longest.frame_count, "what the bake gave"
     trials = [bake.trial.results[qp] for qp in sorted(bake.trial.results)]
-    assert [one.bytes_per_frame for one in trials] == sorted((one.bytes_per_frame for one in trials), reverse=True)
+    sizes = [trial.bytes_per_frame for trial in trials]
+    assert sizes == sorted(sizes, reverse=True)
     assert trials[0].psnr > trials[-1].psnr + 3
     titles, *copied = (line.split("\t") for line in bake.table_text.splitlines())
     assert titles == ["QP", "KB per frame", "Mbit/s", "PSNR, dB"]
     assert [int(line[0]) for line in copied] == sorted(bake.trial.results)
-    assert [float(line[3]) for line in copied] == pytest.approx([one.psnr for one in trials], abs=0.0051)
+    assert [float(line[3]) for line in copied] == pytest.approx([trial.psnr for trial in trials], abs=0.0051)
     x, y = bake.points[30]
     views.click(x + 2, y - 2)
     assert load_config(take_copy / "config.yaml").bake.quality == 30

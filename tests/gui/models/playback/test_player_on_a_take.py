@@ -92,7 +92,7 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished:
     assert quality["SSIM decoded"] == f"{row['ssim_decoded']:.4f}"
     assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
     assert shown["Frame"]["splats"] == f"{row['splats']:,}"
-    assert evaluation.series("psnr_decoded", 7) == [*(one["psnr_decoded"] for one in written["frames"]), None, None]
+    assert evaluation.series("psnr_decoded", 7) == [*(frame["psnr_decoded"] for frame in written["frames"]), None, None]
     vars(player.context)["edits"] = EditList().model_copy(update={"regions": (None,)})
     notes = [review_blocks(player, replace(evaluation, stale=stale), Marks(None))[1].note for stale in (False, True)]
     assert notes[0].startswith("PSNR is lower")

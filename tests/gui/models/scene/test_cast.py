@@ -46,7 +46,7 @@ def test_models_and_splats_hide_each_other(tmp_path: Path) -> None:
     # the ball ends below 1.1
     for x, y, z, blue in ((-0.1, 0.6, 1, False), (0.1, 0.6, -1, True), (0.1, 1.1, -1, False)):
         column, row = view.project(np.array([[x, y, z]]))[0][0].astype(int)
-        red, _, found = player.picture.image[row, column].astype(int)
-        assert red + found > 60
-        assert (found > 2 * red) == blue
+        red, _, blueness = player.picture.image[row, column].astype(int)
+        assert red + blueness > 60
+        assert (blueness > 2 * red) == blue
     assert player.close()

@@ -24,11 +24,11 @@ def splats(alpha: float, depth: float, level: float = 0.5) -> SplatLayer:
 
 def surface(depth: float | None, level: int = 0) -> Surfaces:
     """A pixel with a surface of a gray, or none."""
-    found = Surfaces(1, 1)
+    surfaces = Surfaces(1, 1)
     if depth is not None:
         whole, gray = slice(None), np.full((1, 1, 3), level, np.uint8)
-        found.add(Patch(whole, whole, np.ones((1, 1), bool), gray, np.full((1, 1), depth)))
-    return found
+        surfaces.add(Patch(whole, whole, np.ones((1, 1), bool), gray, np.full((1, 1), depth)))
+    return surfaces
 
 
 def red(layer: SplatLayer | None, solid: Surfaces, parts: np.ndarray) -> float:
@@ -60,7 +60,7 @@ def test_lines_blend_far_ones_first_in_any_order() -> None:
     count = MOST_PER_PIXEL
     depth, cover, gray = rng.permutation(count) + 1.0, rng.uniform(0.2, 0.8, count), rng.integers(0, 256, count)
     expected = 0.2
-    for one in np.argsort(-depth):
-        expected += (gray[one] / 255 - expected) * cover[one]
+    for line in np.argsort(-depth):
+        expected += (gray[line] / 255 - expected) * cover[line]
     parts = fragments(*((0, depth[i], cover[i], gray[i]) for i in range(count)))
     assert red(None, surface(None), parts) == pytest.approx(expected, abs=0.003)

@@ -23,19 +23,19 @@ def test_cameras_can_be_clicked(views: StageViews, finished: Path) -> None:
         views.choose(part)
     player.orbit = player.orbit.zoom(-14).orbit(120, 120)
     newest(lambda: views.poll(DRAWN, DRAWN, 14.0), lambda: views.settled)
-    found = player.picture
-    names = [name for name, _ in found.cameras]
+    scene = player.picture
+    names = [name for name, _ in scene.cameras]
     assert set(names) == {camera.name for camera in rig}
     view = player.orbit.camera(*DRAWN)
-    for name, corners in found.cameras:
+    for name, corners in scene.cameras:
         center, _ = view.project(rig[name].center[None])
         assert np.abs(corners[0] - center[0]).max() < 1e-6
-    name, corners = found.cameras[-1]
+    name, corners = scene.cameras[-1]
     clicked, menus = heard(views.camera_clicked), heard(views.camera_menu)
     views.click(*corners.mean(axis=0))
     views.context(*corners.mean(axis=0))
     views.click(1, 249)
     assert (clicked, menus) == ([(name,)], [(name,)])
-    axis = dict(found.ends)["+x"]
+    axis = dict(scene.ends)["+x"]
     views.click(*axis.mean(axis=0))
     assert player.orbit.offset[0] > 0.999

@@ -22,9 +22,9 @@ def finish(exports: Exports, seconds: float = 180.0) -> None:
 
 
 def request(kind: str, source: Path | str, target: Path) -> ExportRequest:
-    found = ExportRequest(kind, str(source), "walk", target.parent)
-    found.set_target(str(target))
-    return found
+    export = ExportRequest(kind, str(source), "walk", target.parent)
+    export.set_target(str(target))
+    return export
 
 
 def test_a_sequence_is_written_and_nothing_is_overwritten(stream_folder: Path, tmp_path: Path) -> None:
@@ -84,23 +84,23 @@ def test_views_of_a_trimmed_and_placed_take_become_those_of_what_is_exported(
 
 
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
-    found = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
-    assert found.target == str(tmp_path / "walk-decoded-turntable.mp4")
-    found.of, found.seconds, found.size, found.background = "trained", "2.5", "640x360", "white"
-    assert found.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after the source"
-    arguments = [word for word in found.arguments() if word != "--json"]
+    export = ExportRequest("turntable", "/takes/walk", "walk", tmp_path, "decoded")
+    assert export.target == str(tmp_path / "walk-decoded-turntable.mp4")
+    export.of, export.seconds, export.size, export.background = "trained", "2.5", "640x360", "white"
+    assert export.target == str(tmp_path / "walk-trained-turntable.mp4"), "named after the source"
+    arguments = [word for word in export.arguments() if word != "--json"]
     options = dict(zip(arguments[1::2], arguments[2::2], strict=False))
-    assert options["--out"] == found.target
+    assert options["--out"] == export.target
     assert options["--of"] == "trained"
     assert (options["--seconds"], options["--size"], options["--background"]) == ("2.5", "640x360", "1,1,1")
-    found.background = "as captured"
-    assert "--background" not in found.arguments()
-    found.set_target(str(tmp_path / "mine.mp4"))
-    found.of = "decoded"
-    assert found.target == str(tmp_path / "mine.mp4"), "a typed name is kept"
-    found.move_to(tmp_path / "deep")
-    assert found.path == tmp_path / "deep" / "mine.mp4"
+    export.background = "as captured"
+    assert "--background" not in export.arguments()
+    export.set_target(str(tmp_path / "mine.mp4"))
+    export.of = "decoded"
+    assert export.target == str(tmp_path / "mine.mp4"), "a typed name is kept"
+    export.move_to(tmp_path / "deep")
+    assert export.path == tmp_path / "deep" / "mine.mp4"
     for seconds in ("", "0", "-1", "long", "nan"):
-        found.seconds = seconds
+        export.seconds = seconds
         with refuses("export.bad_seconds", value=seconds):
-            found.arguments()
+            export.arguments()

@@ -73,7 +73,7 @@ def test_every_warning_has_a_remedy_or_none_is_possible() -> None:
 
 def test_every_setting_that_a_message_names_exists() -> None:
     named = set(REMEDIES.values())
-    named |= {setting for one in HELP.values() for setting in one.settings}
+    named |= {setting for topic in HELP.values() for setting in topic.settings}
     for tree in sources():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call):
@@ -117,8 +117,8 @@ def test_the_value_of_a_warning_is_valid(
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
 def test_masks_have_a_sensitivity_if_they_are_found_in_the_images(source: Source) -> None:
-    functions = [one for one in vars(inspect.getmodule(source.open)).values() if inspect.isfunction(one)]
-    files = {inspect.getfile(one) for one in functions}
+    functions = [member for member in vars(inspect.getmodule(source.open)).values() if inspect.isfunction(member)]
+    files = {inspect.getfile(member) for member in functions}
     reads = any("DifferenceSettings" in Path(file).read_text() for file in files if "/masks/" in file)
     fix = fix_of(Warned(message="m", code="hull.mask_mismatch"), load_config(None, [("capture.masks", source.name)]))
     assert fix == Fix("capture.mask_sensitivity" if reads else "capture.masks")

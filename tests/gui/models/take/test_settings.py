@@ -55,11 +55,11 @@ def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     assert [dropout.stepped(*step) for step in steps] == ["0.15", "0.05", "0", "1", "0.1", "0.15", "0.2", "0.1"]
     ends = (("1", 1), ("1.0", 1), ("0.0", -1), ("0", -1))
     assert [dropout.stepped(*end) for end in ends] == ["1", "1.0", "0.0", "0"], "as it is written"
-    text, found = "0.3", []
+    text, lowered = "0.3", []
     for _ in range(6):
         text = fields["train.dilation"].stepped(text, -1) or ""
-        found.append(text)
-    assert found == ["0.25", "0.2", "0.15", "0.1", "0.05", "0.001"], "its range begins at 0.001"
+        lowered.append(text)
+    assert lowered == ["0.25", "0.2", "0.15", "0.1", "0.05", "0.001"], "its range begins at 0.001"
     assert fields["train.dilation"].stepped("0.001", 1) == "0.05"
     assert dropout.stepped("a lot", 1) is None
     assert dropout.stepped("nan", 1) is None

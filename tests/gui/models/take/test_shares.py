@@ -16,13 +16,13 @@ from v3studio.studio.edits import EditList, Trim
 
 
 def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
-    found = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
-    assert found.arguments() == ["/takes/walk", "--out", str(tmp_path / "walk.html"), "--overwrite", "--json"]
-    found.address = "https://example.org/"
-    assert found.arguments()[-1] == "--address=https://example.org/"
-    found.set_target(str(tmp_path / "mine.html"))
-    found.move_to(tmp_path / "deep")
-    assert found.path == tmp_path / "deep" / "mine.html"
+    share = ShareRequest("single-file", "/takes/walk", "walk", tmp_path)
+    assert share.arguments() == ["/takes/walk", "--out", str(tmp_path / "walk.html"), "--overwrite", "--json"]
+    share.address = "https://example.org/"
+    assert share.arguments()[-1] == "--address=https://example.org/"
+    share.set_target(str(tmp_path / "mine.html"))
+    share.move_to(tmp_path / "deep")
+    assert share.path == tmp_path / "deep" / "mine.html"
 
 
 def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:

@@ -55,6 +55,6 @@ def test_the_progress_of_the_take_that_runs(tmp_path: Path) -> None:
             log(RunStarted(take="", stages=("train",), done=(), pid=os.getpid(), version=""))
             log(StageStarted(stage="train", reason="not run yet"))
             log(Progress(stage="train", fraction=0.43, total_seconds_left=725.0))
-            found = look(queue)
-    assert (found.is_run, found.rows[0].words) == (True, "train 43%, 12 min 05 s left")
+            view = look(queue)
+    assert (view.is_run, view.rows[0].words) == (True, "train 43%, 12 min 05 s left")
     assert look(queue).rows[0].words == "interrupted"

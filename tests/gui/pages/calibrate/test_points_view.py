@@ -70,13 +70,13 @@ def test_where_the_other_cameras_expect_it(stage_view: PointsView, take_copy: Pa
     pixels = {camera.name: tuple(camera.project(place)[0][0].tolist()) for camera in rig}
     names = rig.names
     two = TiePoint("both", {name: pixels[name] for name in names[:2]})
-    found = expected(two, rig[names[2]], rig)
-    assert found == pytest.approx(np.array([pixels[names[2]]]), abs=1e-3)
-    one = TiePoint("one", {names[0]: pixels[names[0]]})
-    line = expected(one, rig[names[2]], rig)
+    pixel = expected(two, rig[names[2]], rig)
+    assert pixel == pytest.approx(np.array([pixels[names[2]]]), abs=1e-3)
+    single = TiePoint("one", {names[0]: pixels[names[0]]})
+    line = expected(single, rig[names[2]], rig)
     ways = np.linalg.norm(line - np.array(pixels[names[2]]), axis=1)
     assert ways.min() < 0.05 * rig[names[2]].width  # the line passes through the true position
-    assert expected(one, rig[names[0]], rig) is None
+    assert expected(single, rig[names[0]], rig) is None
     picture(stage_view)
     for name in names[:2]:
         stage_view.marks.mark(name, *pixels[name], 0)

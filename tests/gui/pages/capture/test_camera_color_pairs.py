@@ -30,7 +30,7 @@ def test_cameras_appear_as_they_are_read(
         pictures.append(pairs.draw(SIZE, ()))
         assert pairs.state() != stamp, "drawn again"
     assert [name for name, _ in pairs.places] == list(names)
-    assert all((one != other).any() for one, other in pairwise(pictures))
+    assert all((before != after).any() for before, after in pairwise(pictures))
     stamp = pairs.state()
     assert (pairs.draw(SIZE, ()) == pictures[-1]).all()
     assert pairs.state() == stamp, "at rest"

@@ -77,7 +77,7 @@ def test_faces_of_the_box_are_dragged(view: EditView) -> None:
     box = view.editor.pending.crop
     assert view.editor.measured.selected < 30  # the new box holds the performer
     camera = view.viewpoint.orbit.camera(*SIZE)
-    top = next(one for one in crop_handles(box) if one.direction @ UP > 0.9)
+    top = next(handle for handle in crop_handles(box) if handle.direction @ UP > 0.9)
     x, y = camera.project(top.place[None])[0][0]
     assert view.grabs(x + 3, y)
     view.pull(x + 3, y + 25)
@@ -85,10 +85,10 @@ def test_faces_of_the_box_are_dragged(view: EditView) -> None:
     assert view.editor.measured.selected > 10
     view.release()
     new = view.editor.edits.crop
-    moved = next(one for one in crop_handles(new) if one.direction @ UP > 0.9)
+    moved = next(handle for handle in crop_handles(new) if handle.direction @ UP > 0.9)
     assert camera.project(moved.place[None])[0][0] == pytest.approx([x, y + 25], abs=1.5)
-    opposite = [next(one.place for one in crop_handles(each) if one.direction @ UP < -0.9) for each in (box, new)]
-    assert np.allclose(*opposite)
+    below = (next(handle for handle in crop_handles(each) if handle.direction @ UP < -0.9) for each in (box, new))
+    assert np.allclose(*(handle.place for handle in below)), "the opposite face stays"
     assert not view.grabs(1, 1)
 
 

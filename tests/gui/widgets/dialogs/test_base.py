@@ -19,8 +19,8 @@ def tree(tmp_path: Path) -> Path:
 
 
 def test_folders_are_listed_with_what_they_are(tree: Path) -> None:
-    found = FolderList(tree, "folder")
-    assert [entry.label for entry in found.entries] == ["a take/   (take)", "cam2/", "cam10/", "Stream/   (stream)"]
+    listed = FolderList(tree, "folder")
+    assert [entry.label for entry in listed.entries] == ["a take/   (take)", "cam2/", "cam10/", "Stream/   (stream)"]
     assert [entry.path.name for entry in FolderList(tree, "file", (".yaml",)).entries][-1] == "run.yaml"
     assert len(FolderList(tree, "file", (".yaml",)).entries) == 5
     assert FolderList(tree / "not" / "there", "folder").folder == tree, "the nearest one that is there"
