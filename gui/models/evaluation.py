@@ -103,8 +103,7 @@ class Evaluation:
         )
 
     def series(self, name: str, frame_count: int, camera: str = "") -> list[float | None]:
-        """A metric, "bytes" or "flicker", for every frame, of a camera, or the mean if it was not evaluated; None where
-        not measured."""
+        """A metric, "bytes" or "flicker" of every frame, of a camera, else the mean; None where not measured."""
         rows: list[FrameQuality | Quality | None] = [self.frames.get(frame) for frame in range(frame_count)]
         if camera in self.cameras and name not in ("bytes", "flicker"):
             rows = [row.cameras.get(camera) if isinstance(row, FrameQuality) else None for row in rows]

@@ -14,11 +14,9 @@ TITLES |= {"review" if stage.name == "evaluate" else stage.name: stage.title for
 """The stages as shown in the window, in order."""
 
 
-TO_RUN = frozenset(
-    {
-        "bakes.not_baked", "mesh.unreadable", "take.damaged", "take.no_cameras", "take.no_report", "take.no_stream",
-        "take.not_initialized", "take.not_trained", "training.no_first_points",
-    }
+TO_RUN = (
+    "bakes.not_baked", "mesh.unreadable", "take.damaged", "take.no_cameras", "take.no_report", "take.no_stream",
+    "take.not_initialized", "take.not_trained", "training.no_first_points",
 )  # fmt: skip
 """Errors that the stage in their field `stage` fixes, by code: results are missing, or damaged."""
 

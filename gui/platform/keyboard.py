@@ -26,8 +26,7 @@ KEYS = {letter: first + number for row, first in _ROWS for number, letter in enu
 
 
 def send_key(keycode: int, down: bool) -> None:
-    """Press or release a key that is not a letter in this process's window. Press and release must fall on different
-    drawn frames."""
+    """Press or release a key, no letter, in this process's window; the two must fall on different drawn frames."""
     _send([(keycode, down, False)])
 
 

@@ -10,8 +10,7 @@ AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 class Redraws:
-    """After `changed`, `due` is true immediately and after each of `AGAIN_SECONDS`, but at least `pause` seconds
-    apart."""
+    """After `changed`, `due` is true at once and after each of `AGAIN_SECONDS`, at least `pause` seconds apart."""
 
     def __init__(self) -> None:
         self.pause = 0.0  # least seconds between two draws: if the CPU draws the window, they compete with rendering

@@ -71,8 +71,7 @@ class Connection:
 
 @contextmanager
 def errors_ignored(x: Any, display: Any) -> Iterator[None]:
-    """Within the block, errors of the X server do not end the process. `x`: Xlib. `display`: the connection; None for
-    none."""
+    """Within the block, errors of the X server do not end the process. `x`: Xlib. `display`: the connection, if any."""
     if not display:
         yield
         return

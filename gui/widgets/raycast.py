@@ -26,8 +26,7 @@ class RaycastMesh:
         self._scene.add_triangles(mesh)
 
     def seen(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        """(H, W, 3) uint8 RGB: gray, lit from the viewer's upper left; and (H, W) float32 depth along the viewing axis,
-        infinite beside the mesh."""
+        """(H, W, 3) uint8 RGB, gray, lit from the upper left; and (H, W) float32 depth, infinite beside the mesh."""
         rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
             o3d.core.Tensor(camera.cv2_K), o3d.core.Tensor(camera.world_to_camera), camera.width, camera.height
         )

@@ -93,8 +93,7 @@ HELP: Mapping[str, StageHelp] = {  # by key of `TITLES`
 
 
 def help_image(stage: str, width: int, em: float) -> np.ndarray:
-    """(H, width, 3) uint8: the sentences above the images that there are, drawn at the window's font size. `stage`: a
-    key of `HELP`."""
+    """(H, width, 3) uint8: sentences above the images, in the window's font size. `stage`: a key of `HELP`."""
     topic, size, small = HELP[stage], round(0.95 * em), round(0.85 * em)
     step = line_height(size)
     points = [wrapped(point, size, width - 1.2 * em) for point in topic.points]

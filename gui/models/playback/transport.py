@@ -8,8 +8,7 @@ from v3studio.studio.playback.sound_player import SoundPlayer
 
 
 class Transport:
-    """The current frame, counted from 0, and how playback moves it; people know frames by `numbers`. `group_starts`:
-    ascending."""
+    """The current frame, counted from 0; people know it by `numbers`. `group_starts`: ascending."""
 
     def __init__(
         self,

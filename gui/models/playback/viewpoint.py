@@ -171,15 +171,15 @@ class Viewpoint:
         if not camera and self.mode not in ALONE and len(self.sources) < 2:
             self.mode = Mode.SINGLE
 
-    def next_camera(self, direction: int = 1) -> None:
-        """Switch to the next or previous capture camera."""
+    def next_camera(self) -> None:
+        """Switch to the next capture camera."""
         names = self.camera_names
         if not names:
             self.refused.emit("No capture cameras.")
         elif not self.camera:
             self.look_through(names[0])
         else:
-            self.look_through(names[(names.index(self.camera) + direction) % len(names)])
+            self.look_through(names[(names.index(self.camera) + 1) % len(names)])
 
     def drag(self, dx: float, dy: float, turn: bool, height: int) -> None:
         """Handle a drag in pixels, see `StageView`: orbiting leaves a capture camera, panning stays in its image."""

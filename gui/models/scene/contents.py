@@ -86,8 +86,7 @@ def cloud(points: np.ndarray, colors: np.ndarray) -> Cloud:
 
 @dataclass(frozen=True, eq=False)
 class SceneContents:
-    """The scene besides splats, in world coordinates. `length`: of frusta. `surfaces`: meshes and the ground, and where
-    they are."""
+    """The scene besides splats, world units. `length`: of frusta. `surfaces`: meshes, the ground, and their places."""
 
     cameras: Sequence[SceneCamera] = ()
     length: float = 1.0

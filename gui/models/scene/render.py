@@ -23,8 +23,7 @@ EDGES = np.array([(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)
 def render_scene(
     reader: SceneReader, gaussians: Gaussians, view: Camera, request: SceneRequest
 ) -> tuple[np.ndarray, tuple[Place, ...], tuple[Place, ...]]:
-    """The image of the scene, and name and pixels of frusta and of axes, those in front last. Raises StudioError: a
-    damaged file."""
+    """The scene's image, and name and pixels of frusta and axes, the front ones last. StudioError: a damaged file."""
     contents, em = reader.read(request).seen_from(view.center), request.em
     splats = draw_layer(gaussians, view) if "splats" in request.parts else None
     canvas = draw_contents(contents, view, splats, request.background)

@@ -9,21 +9,7 @@ from enum import StrEnum
 
 from v3studio.gui.models.stage_rows import message_text, stage_name
 from v3studio.gui.models.take.log_words import metrics_words
-from v3studio.pipelines.events import (
-    Event,
-    Finished,
-    GroupStarted,
-    Log,
-    Metrics,
-    Notice,
-    Preview,
-    Progress,
-    RunStarted,
-    StageFailed,
-    StageFinished,
-    StageStarted,
-    Warned,
-)
+from v3studio.pipelines import events
 from v3studio.pipelines.reports.terminal import duration
 from v3studio.pipelines.takes.results.summaries import summary_words
 
@@ -70,7 +56,7 @@ class LogLine:
     level: Level
     text: str
     told: float = 0.0
-    notice: Notice | None = None
+    notice: events.Notice | None = None
 
 
 @dataclass
@@ -79,7 +65,7 @@ class RunState:
 
     planned: tuple[str, ...] = ()  # stages that the run will execute, in order
     stage: str = ""  # the current stage; "" before the first and after the last
-    progress: Progress | None = None
+    progress: events.Progress | None = None
     finished: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)  # error message by stage
     # the setting that fixes the error, by stage, where there is one
@@ -89,7 +75,7 @@ class RunState:
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     # loss, psnr, splats over the progress of training, one curve per group, since groups train in parallel
     curves: dict[str, dict[int, Curve]] = field(default_factory=dict)
-    previews: dict[str, Preview] = field(default_factory=dict)  # latest image by camera
+    previews: dict[str, events.Preview] = field(default_factory=dict)  # latest image by camera
     begun: bool = False
     changes: int = 0  # incremented with every event
     _trained: float = 0.0
@@ -107,48 +93,48 @@ class RunState:
             _trained=self._trained,
         )
 
-    def apply(self, event: Event) -> None:
+    def apply(self, event: events.Event) -> None:
         self.changes += 1
         self._now = event.time
-        if isinstance(event, RunStarted):
+        if isinstance(event, events.RunStarted):
             self.planned = event.stages
             todo = ", ".join(map(stage_name, event.stages)) or "nothing to do, everything is up to date"
             self._say(f"Run started: {todo}")
-        elif isinstance(event, StageStarted):
+        elif isinstance(event, events.StageStarted):
             self.stage, self.progress = event.stage, None
             self.failed.pop(event.stage, None)
             self._say(f"{stage_name(event.stage)}: started{f' ({event.reason})' if event.reason else ''}")
-        elif isinstance(event, Progress):
+        elif isinstance(event, events.Progress):
             self.progress = event
             if event.stage == "train":
                 self._train_figures(event)
-        elif isinstance(event, Metrics):
+        elif isinstance(event, events.Metrics):
             if event.stage in ("train", "bake", "initialize"):
                 self.results += 1
             if event.group is not None:  # figures of a whole stage are those of StageFinished
                 self._say(metrics_words(event))
-        elif isinstance(event, GroupStarted):
+        elif isinstance(event, events.GroupStarted):
             gpu = f", GPU {event.gpu}" if event.gpu else ""
             self._say(f"{stage_name(event.stage)}: group {event.group} started on {event.node}{gpu}")
-        elif isinstance(event, Preview):
+        elif isinstance(event, events.Preview):
             self.previews[event.camera or event.stage] = event
-        elif isinstance(event, Log):
+        elif isinstance(event, events.Log):
             self._say(event.message)
-        elif isinstance(event, Warned):
+        elif isinstance(event, events.Warned):
             self._say(message_text(event), Level.WARNING, event)
-        elif isinstance(event, StageFinished):
+        elif isinstance(event, events.StageFinished):
             self.finished.append(event.stage)
             self.stage, self.progress = "", None
             self.results += 1
             figures = summary_words(event.stage, event.summary)
             self._say(f"{stage_name(event.stage)}: done in {duration(event.seconds)}{figures and '. '}{figures}")
-        elif isinstance(event, StageFailed):
+        elif isinstance(event, events.StageFailed):
             self.failed[event.stage] = message_text(event)
             self.failed_setting[event.stage] = str(event.fields.get("setting", ""))
             self._say(f"{stage_name(event.stage)}: {message_text(event)}", Level.ERROR, event)
             for line in event.traceback.splitlines():
                 self._say(line, Level.ERROR)
-        elif isinstance(event, Finished):
+        elif isinstance(event, events.Finished):
             self.outcome, self.stage, self.progress = Outcome(event.outcome), "", None
             self.results += 1
             repeated = message_text(event) in self.failed.values()
@@ -173,11 +159,11 @@ class RunState:
         self._now = time.time()
         self._say(text, Level.ERROR if failed else Level.PLAIN)
 
-    def _say(self, text: str, level: Level = Level.PLAIN, notice: Notice | None = None) -> None:
+    def _say(self, text: str, level: Level = Level.PLAIN, notice: events.Notice | None = None) -> None:
         self.begun = True
         self.lines.append(LogLine(level, text, self._now, notice))
 
-    def _train_figures(self, event: Progress) -> None:
+    def _train_figures(self, event: events.Progress) -> None:
         if event.fraction < self._trained:  # training has started over
             self.curves.clear()
         self._trained = event.fraction

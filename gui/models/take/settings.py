@@ -150,8 +150,7 @@ def fields_of(stage: str) -> tuple[SettingField, ...]:
 
 @lru_cache(maxsize=256)
 def stage_of(setting: str) -> str:
-    """The stage whose panel has a setting, or a block of them ("calibrate.board"), by its dotted name; "" if no panel
-    has it."""
+    """The stage whose panel has a setting, or a block of them ("calibrate.board"), by its dotted name; else ""."""
     for stage in SECTIONS:
         if any(field.name == setting or field.name.startswith(f"{setting}.") for field in fields_of(stage) if setting):
             return stage

@@ -108,8 +108,7 @@ class Workspace:
 
     @property
     def without_settings(self) -> str:
-        """Why there are no settings: nothing is open yet, or a bare stream is; "" if they cannot be read, as `problem`
-        says over every view."""
+        """Why there are no settings: nothing, or a bare stream, is open; "" if they cannot be read, see `problem`."""
         if self.take is not None:
             return ""
         if self.opening:

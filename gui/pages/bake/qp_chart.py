@@ -18,8 +18,7 @@ Points = dict[int | str, tuple[float, float]]
 
 
 def draw_trial(canvas: Canvas, em: float, trial: QpTrial, current: int | str, done: str) -> Points:
-    """Draw it; returns the center of each QP's point, and of each level's name, pixels. `current`: the quality that is
-    set; `done`: what a click did."""
+    """Draw it; returns the pixels of each QP and level. `current`: the quality set; `done`: what a click did."""
     wide, small = canvas.width, round(0.85 * em)
     canvas.text(em, 0.8 * em, trial.words, round(em), TEXT, width=wide - 2 * em)
     note = done or "Click a point or a level to set it, then run Bake. Lower QPs look better and take more bytes."

@@ -9,20 +9,7 @@ import numpy as np
 from v3studio.gui.drawing.areas import Areas, Box
 from v3studio.gui.drawing.canvas import Canvas, fitted, line_height, text_width, wrapped
 from v3studio.gui.drawing.labels import draw_labels
-from v3studio.gui.drawing.palette import (
-    ACCENT,
-    ACCENT_DARK,
-    BAD,
-    BLACK,
-    DIM,
-    FAIR,
-    GOOD,
-    GROUND,
-    LINE,
-    RAISED,
-    RGB,
-    TEXT,
-)
+from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BLACK, DIM, FAIR, GOOD, GROUND, LINE, RAISED, TEXT
 from v3studio.gui.models.playback.image_zoom import Magnifier
 from v3studio.gui.pages.calibrate.marks import TieMarks
 from v3studio.gui.pages.stage_view import rectangle
@@ -144,7 +131,7 @@ class PointsImage:
         return scroll
 
 
-def _color(error: float | None, cameras: int) -> RGB:
+def _color(error: float | None, cameras: int) -> tuple[int, int, int]:
     if error is None:
         return TEXT if cameras > 1 else DIM
     return GOOD if error < 1 else FAIR if error < 3 else BAD

@@ -59,8 +59,7 @@ class RigCoverage:
         )
 
     def seen_from(self, eye: np.ndarray, dot: int) -> list[Cloud]:
-        """The directions as dots of a radius on a sphere, smaller and dark on its far side, and the surface's points in
-        it."""
+        """Dots for directions on a sphere, smaller and dark on its far side, and points of the surface inside."""
         towards = _sphere(600)
         towards = towards[towards @ self.up > _LOWEST]
         places = self.range.center + self.radius * towards

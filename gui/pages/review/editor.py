@@ -127,7 +127,7 @@ class Editor:
     def press(self, key: str) -> None:
         """Press a button that needs no dialog."""
         if key in tuple(Tool):
-            self.choose_tool(Tool(key))
+            self.choose_tool(Tool[key.upper()])
         elif key == "removed":
             self.show_removed = not self.show_removed
         elif key in ("in", "out"):

@@ -136,8 +136,7 @@ class Dialogs:
         return row
 
     def list_of(self, rows: int, selected: Callable[[str, bool], None]) -> gui.ListView:
-        """Make the list of the dialog being built. `selected`: called with the clicked line and whether it was a double
-        click."""
+        """Make the list of the dialog being built. `selected`: called with the clicked line and whether twice."""
         made = self.made["list"] = gui.ListView()
         made.set_max_visible_items(rows)
         made.set_on_selection_changed(selected)

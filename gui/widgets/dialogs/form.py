@@ -119,8 +119,7 @@ def ask_numbers(
     save: Callable[[dict[str, str]], str],
     error: str = "",
 ) -> None:
-    """Ask for the texts of fields: key, label, text. `save` gets the texts by key; it returns "", or why they are
-    refused: then the dialog stays."""
+    """Ask for the texts of fields: key, label, text. `save` gets them by key; returns "", or why the dialog stays."""
     typed = SimpleNamespace(**{key: value for key, _, value in fields})
     form = Form(dialogs, typed)
     for key, label, _ in fields:
