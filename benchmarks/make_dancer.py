@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 import open3d as o3d
 
-from v3studio.studio.camera_files.rig_json import write_rig_json
+from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Camera, Rig, look_at_pose
 from v3studio.studio.yaml_text import dump_yaml, parse_yaml
 
@@ -203,7 +203,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rig, folder = two_rings(CAMERAS, 0, (1.9, 0.9), (0, -0.2, 0.95)), arguments.folder
     folder.mkdir(parents=True, exist_ok=True)
-    write_rig_json(rig, folder / "cameras.json")
+    write_rig(rig, folder / "cameras.json")
     generator = np.random.default_rng(0)
     for frame in range(arguments.frames):
         body = Body(dancer(frame / FPS))

@@ -39,7 +39,7 @@ from make_dancer import (
     write_settings,
 )
 
-from v3studio.studio.camera_files.rig_json import write_rig_json
+from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Camera
 
 CAMERAS = 12
@@ -258,7 +258,7 @@ def main() -> None:
     scene, folder = SCENES[arguments.scene], arguments.folder
     rig = two_rings(CAMERAS, 0.5, (1.9, 1.0), (0, 0, 0.95))
     folder.mkdir(parents=True, exist_ok=True)
-    write_rig_json(rig, folder / "cameras.json")
+    write_rig(rig, folder / "cameras.json")
     random, picture = np.random.default_rng(0), wall_picture(scene.pattern)
     bodies = [Body(performer(frame / FPS, scene.thin)) for frame in range(arguments.frames)]
     for camera in rig.cameras:

@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "docs"), str(ROOT)]
 
 from generate.api import MODULES, api_pages  # noqa: E402
+from generate.camera_files import with_camera_formats  # noqa: E402
 from generate.commands import commands_page  # noqa: E402
 from generate.errors import errors_page  # noqa: E402
 from generate.events import events_page  # noqa: E402
@@ -67,11 +68,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Warn, which fails a strict build, where a written page names a file or setting that does not exist."""
+    """Add tables that are made from the source. Warn, which fails a strict build, where a written page names a file or
+    setting that does not exist."""
     if page.file.generated_by is None and page.file.src_uri not in NAMES_OTHERS:
         for problem in unknown_names(markdown, ROOT, setting_names()):
             log.warning("%s: %s", page.file.src_uri, problem)
-    return markdown
+    return with_camera_formats(markdown)
 
 
 def _root_page(name: str) -> str:

@@ -366,7 +366,7 @@ def _where_to_look(footage: Footage, camera: str, frame: int, room: bool) -> np.
 
 def _digest(path: Path) -> str | dict[str, str]:
     """Digest of a file, or digests of the files in a folder or of a pattern by name."""
-    several = files_of(path)
+    several = [match.path for match in files_of(path)]
     if several:
         return {f"{file.parent.name}/{file.name}": digest_of_file(file) for file in several}
     if path.is_dir():

@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from v3studio.studio.camera_files import find_camera_files, read_rig
-from v3studio.studio.camera_files.opencv_storage import EXTENSIONS
+from v3studio.studio.camera_files import CAMERA_FORMATS, find_camera_files, read_rig
+from v3studio.studio.camera_files.opencv_cameras import files_of
 from v3studio.studio.capture.detect import detect_images, named_in
-from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, find_files
+from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS
 from v3studio.studio.capture.settings import FileSettings
 from v3studio.studio.errors import StudioError
 
@@ -20,15 +20,6 @@ _FOLDERS = (
     ".", "calibration", "cameras", "cams", "sparse", "colmap/sparse", "sparse_full_resolution",
     "image_white",
 )  # fmt: skip
-_ONE_PER_CAMERA = tuple(
-    f"{stem}.{extension}"
-    for stem in (
-        "{camera}/config", "{camera}/calibration", "{camera}/camera", "{camera}/{camera}", "calibration/{camera}",
-        "cameras/{camera}",
-    )
-    for extension in ("xml", "yml", "yaml")
-)  # fmt: skip
-"""OpenCV's XML or YAML files."""
 
 
 def camera_file(settings: FileSettings) -> Path | None:
@@ -88,25 +79,18 @@ def _folder_of_footage(settings: FileSettings) -> Path | None:
     return below if slash and "{" not in folder and below.is_dir() else None
 
 
-def files_of(path: Path) -> list[Path]:
-    """The files of a pattern with `{camera}`; empty for other paths."""
-    if "{camera}" not in str(path):
-        return []
-    fixed = next(parent for parent in path.parents if "{camera}" not in str(parent))
-    return [match.path for match in find_files(fixed, path.relative_to(fixed).as_posix(), EXTENSIONS)]
-
-
 def _in(root: Path) -> list[Path]:
     """The calibrations of a capture's folder."""
     folders = [root / name for name in _FOLDERS]
     found = [path for folder in folders if folder.is_dir() for path in find_camera_files(folder)]
     exact = [path for path in found if path in folders or path.parent in folders]  # not those of VideoGS's frames
-    return exact or found[:1] or [root / name for name in _ONE_PER_CAMERA if _is_of_cameras(files_of(root / name))][:1]
+    patterns = [root / pattern for form in CAMERA_FORMATS for pattern in form.per_camera]
+    return exact or found[:1] or [pattern for pattern in patterns if _is_of_cameras(pattern)][:1]
 
 
-def _is_of_cameras(files: list[Path]) -> bool:
-    """Whether these are several files, and not the settings of takes in the folder of their footage."""
-    return len([file for file in files if not (file.parent / "take.json").is_file()]) > 1
+def _is_of_cameras(pattern: Path) -> bool:
+    """Whether several files match, and not the settings of takes in the folder of their footage."""
+    return len([match for match in files_of(pattern) if not (match.path.parent / "take.json").is_file()]) > 1
 
 
 def _is_named_above(root: Path) -> bool:

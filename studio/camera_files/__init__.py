@@ -1,62 +1,174 @@
-"""Camera files: `read_rig` reads all supported formats, `write_rig` writes them.
+"""Camera files: `read_rig` reads all supported formats, `write_rig` writes some.
 
-Both name the file in errors; readers of several files name the one that is wrong.
+`CAMERA_FORMATS` lists them. Reading, writing, the search for camera files beside footage, error texts and the
+documentation read that table; the module of a format is only imported when a file may be of that format.
+
+A module has `read(file: CameraFile) -> Rig`, and as far as its entry needs them, `matches(file: CameraFile) -> bool`,
+`write(rig, path)` and `is_in(folder) -> bool`. Errors name the file; readers of several files name the one that is
+wrong.
 """
 
-from dataclasses import replace
+import importlib
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
-from xml.etree import ElementTree
+from typing import Any
 
-from v3studio.studio.camera_files import annots_npy, dynamic_gaussians, easymocap, mvsnet, poses_bounds, rerf
-from v3studio.studio.camera_files.actorshq import COLUMNS as ACTORSHQ_COLUMNS
-from v3studio.studio.camera_files.actorshq import read_actorshq, write_actorshq
-from v3studio.studio.camera_files.colmap_model import numbered_models, read_colmap, write_colmap
-from v3studio.studio.camera_files.common import read_json_value, read_text
-from v3studio.studio.camera_files.json_rigs import rig_from_json
-from v3studio.studio.camera_files.metashape import rig_from_metashape
-from v3studio.studio.camera_files.opencv_storage import read_opencv_cameras, read_storage, rig_from_mc_calib
-from v3studio.studio.camera_files.qualisys import rig_from_qualisys
-from v3studio.studio.camera_files.realityscan import read_realityscan
-from v3studio.studio.camera_files.rig_json import check_format, write_rig_json
-from v3studio.studio.camera_files.toml_rigs import read_toml, write_toml
-from v3studio.studio.camera_files.transforms_json import rig_from_transforms, write_transforms
+from v3studio.studio.camera_files.common.camera_file import CameraFile
 from v3studio.studio.cameras import Rig
 from v3studio.studio.counts import cameras_listed
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.validation import camera_error
 
-__all__ = ["find_camera_files", "read_rig", "write_rig"]
+__all__ = ["CAMERA_FORMATS", "CameraFormat", "find_camera_files", "read_rig", "write_rig"]
 
-_KNOWN = (
-    "rig.json, cameras.json (K, R, t; 3DGS), transforms.json, a COLMAP model folder, intri.yml and extri.yml, "
-    "calibration.csv (ActorsHQ, RealityScan), calibration.json (THuman4.0, multical, CMU Panoptic), train_meta.json "
-    "(Dynamic 3D Gaussians), calibrated_cameras_data.yml (MC-Calib), *.toml (Pose2Sim, Caliscope), *.xml (Metashape), "
-    "a Qualisys .qca.txt, CamPose.inf and Intrinsic.inf, poses_bounds.npy (N3DV), annots.npy (ZJU-MoCap), "
-    "a folder of *_cam.txt (MVSNet), or OpenCV's XML or YAML with one file per camera, '{camera}/config.xml'"
-)
-_COLMAP_FILES = {f"{stem}.{suffix}" for stem in ("cameras", "images", "points3D") for suffix in ("bin", "txt")}
-_USUAL_NAMES = (
-    "rig.json", "cameras.json", "calibration.json", "calibration_full.json", "transforms.json",
-    "transforms_train.json", "calibration.csv", "camera_array.toml", "cameras.xml", easymocap.INTRINSICS, rerf.POSES,
-    dynamic_gaussians.TRAIN, "calibrated_cameras_data.yml",
-)  # fmt: skip
-_LESS_EXACT = (annots_npy.NAME, poses_bounds.NAME)  # often next to one of the above, with the same cameras
-_USUAL_PATTERNS = ("*.qca.txt", "Calib*.toml", "calibration_*.json")
 _LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 degrees
 
 
+@dataclass(frozen=True)
+class CameraFormat:
+    """One format. Patterns of names are those of `fnmatch`."""
+
+    name: str  # of the module in `studio.camera_files`
+    title: str  # for error texts and the documentation; names of files are in backticks
+    notes: str = ""  # for the documentation, in Markdown
+    named: tuple[str, ...] = ()  # names that only this format has; of other files, `matches` looks at the content
+    usual: tuple[str, ...] = ()  # names under which a file is found in the folder of a capture
+    is_spare: bool = False  # whether it is found only in folders without others, which often have the same cameras
+    is_folder: bool = False  # whether folders are in this format: those for which `is_in` is true
+    per_camera: tuple[str, ...] = ()  # patterns under which files are found, of a format with one file per camera
+    written: tuple[str, ...] = ()  # names that are written in this format; "": without an extension, a folder
+
+    @property
+    def module(self) -> Any:
+        """The module that reads and writes it."""
+        return importlib.import_module(f"v3studio.studio.camera_files.{self.name}")
+
+
+CAMERA_FORMATS = (
+    CameraFormat(
+        "transforms_json", "`transforms.json` (instant-ngp, nerfstudio, NeuS2, VideoGS)",
+        "one folder per frame, as in VideoGS, is accepted too; entries that differ only in time count as one camera; "
+        "`transforms_train.json`, `_val` and `_test` are read together",
+        usual=("transforms.json", "transforms_train.json"), written=("transforms*.json",),
+    ),
+    CameraFormat(
+        "dynamic_gaussians", "`train_meta.json`, `test_meta.json` (Dynamic 3D Gaussians)",
+        "both are read; cameras must not move",
+        usual=("train_meta.json",),
+    ),
+    CameraFormat(
+        "panoptic", "`calibration_*.json` (CMU Panoptic)", "OpenCV's pixel origin; centimeters become meters",
+        usual=("calibration_*.json",),
+    ),
+    CameraFormat(
+        "rig_json", "`rig.json`, `cameras.json` with K, R, t", "V3 Studio's own is `rig.json`",
+        usual=("rig.json", "cameras.json"), written=("*.json",),
+    ),
+    CameraFormat(
+        "cameras_3dgs", "`cameras.json` (3DGS)", "a list; without principal points and distortion",
+        usual=("cameras.json",),
+    ),
+    CameraFormat(
+        "multical", "`calibration.json` (multical)", "OpenCV's pixel origin",
+        usual=("calibration.json",),
+    ),
+    CameraFormat(
+        "thuman", "`calibration.json` (THuman4.0), `calibration_full.json` (AvatarReX)",
+        "image sizes are taken from the footage if the file has none",
+        usual=("calibration.json", "calibration_full.json"),
+    ),
+    CameraFormat(
+        "colmap_model", "a COLMAP model folder, text or binary",
+        "written as text; of `sparse/0`, `sparse/1`, ..., the model with the most images is read; in `images.txt`, "
+        "every image has a second line, which may be empty",
+        named=("cameras.bin", "cameras.txt", "images.bin", "images.txt", "points3D.bin", "points3D.txt"),
+        is_folder=True, written=("",),
+    ),
+    CameraFormat(
+        "easymocap", "`intri.yml`, `extri.yml` (EasyMocap, EasyVolcap)",
+        "OpenCV's pixel origin; image sizes are taken from the footage if the file has none",
+        named=("intri.yml", "extri.yml"), usual=("intri.yml",), written=("intri.yml", "extri.yml"),
+    ),
+    CameraFormat(
+        "actorshq", "`calibration.csv` (ActorsHQ)", "no distortion",
+        usual=("calibration.csv",), written=("*.csv",),
+    ),
+    CameraFormat(
+        "realityscan", "the CSV \"Internal/External camera parameters\" of RealityScan, such as `calibration.csv`",
+        "image sizes are taken from the images next to it; rows without an image are left out; tangential terms must "
+        "be 0; semicolons and decimal commas are accepted",
+        usual=("calibration.csv",),
+    ),
+    CameraFormat(
+        "toml_rigs", "`Calib*.toml` (Pose2Sim, Anipose), `camera_array.toml` (Caliscope)", "OpenCV's pixel origin",
+        named=("*.toml",), usual=("camera_array.toml", "Calib*.toml"), written=("*.toml",),
+    ),
+    CameraFormat(
+        "metashape", "Metashape XML, such as `cameras.xml`",
+        "a lens with k4 is converted to OpenCV's rational model (within 0.25 px); p3, p4 and fisheye are not "
+        "supported; slave cameras are placed from their masters",
+        usual=("cameras.xml",),
+    ),
+    CameraFormat(
+        "rerf", "`CamPose.inf`, `Intrinsic.inf` (ReRF, NHR)",
+        "image sizes are taken from the footage next to them",
+        named=("CamPose.inf", "Intrinsic.inf"), usual=("CamPose.inf",),
+    ),
+    CameraFormat(
+        "mc_calib", "`calibrated_cameras_data.yml` (MC-Calib)",
+        "OpenCV's pixel origin; the largest of MC-Calib's groups is read",
+        usual=("calibrated_cameras_data.yml",),
+    ),
+    CameraFormat(
+        "opencv_cameras", "OpenCV's XML or YAML, one file per camera",
+        "`capture.rig: '{camera}/config.xml'`; camera matrix, distortion, rotation and translation under their usual "
+        "names",
+        per_camera=tuple(
+            f"{stem}.{extension}"
+            for stem in (
+                "{camera}/config", "{camera}/calibration", "{camera}/camera", "{camera}/{camera}",
+                "calibration/{camera}", "cameras/{camera}",
+            )
+            for extension in ("xml", "yml", "yaml")
+        ),
+    ),
+    CameraFormat("qualisys", "Qualisys `.qca.txt`", usual=("*.qca.txt",)),
+    CameraFormat(
+        "annots_npy", "`annots.npy` (ZJU-MoCap)", "millimeters become meters; used if there is no other calibration",
+        named=("annots.npy",), usual=("annots.npy",), is_spare=True,
+    ),
+    CameraFormat(
+        "poses_bounds", "`poses_bounds.npy` (LLFF, N3DV)",
+        "cameras are named after the videos, in their order; used if there is no other calibration",
+        named=("*.npy",), usual=("poses_bounds.npy",), is_spare=True,
+    ),
+    CameraFormat(
+        "mvsnet", "a folder of `NAME_cam.txt` (MVSNet, PKU-DyMVHumans)", "image sizes are taken from the footage",
+        is_folder=True,
+    ),
+)  # fmt: skip
+"""All formats, in the order in which they are tried and listed."""
+
+
 def find_camera_files(folder: Path) -> list[Path]:
-    """Camera files with common names in a folder, or the folder itself if it contains a COLMAP model or MVSNet's files;
+    """Camera files with usual names in a folder, or the folder itself if it contains a COLMAP model or MVSNet's files;
     if there are none, that of the first of VideoGS's folders, one per frame, which all have the same cameras."""
-    found = [folder / name for name in _USUAL_NAMES if (folder / name).is_file()]
-    for pattern in _USUAL_PATTERNS:
-        found += [path for path in sorted(folder.glob(pattern)) if path not in found]
-    colmap = any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin"))
-    if colmap or numbered_models(folder) or any(folder.glob(f"*{mvsnet.SUFFIX}")):
-        found.append(folder)
-    found = found or [folder / name for name in _LESS_EXACT if (folder / name).is_file()][:1]
-    frames = [] if found else [path for path in folder.glob("*/transforms.json") if path.parent.name.isdecimal()]
-    return found or sorted(frames, key=lambda path: int(path.parent.name))[:1]
+    paths = _with_usual_names(folder, is_spare=False)
+    if any(form.is_folder and form.module.is_in(folder) for form in CAMERA_FORMATS):
+        paths.append(folder)
+    if not paths:
+        paths = _with_usual_names(folder, is_spare=True)[:1]
+    if not paths:
+        frames = [path for path in folder.glob("*/transforms.json") if path.parent.name.isdecimal()]
+        paths = sorted(frames, key=lambda path: int(path.parent.name))[:1]
+    return paths
+
+
+def _with_usual_names(folder: Path, is_spare: bool) -> list[Path]:
+    patterns = [pattern for form in CAMERA_FORMATS if form.is_spare == is_spare for pattern in form.usual]
+    paths = [path for pattern in patterns for path in sorted(folder.glob(pattern)) if path.is_file()]
+    return list(dict.fromkeys(paths))
 
 
 def read_rig(path: Path | str) -> Rig:
@@ -75,8 +187,31 @@ def read_rig(path: Path | str) -> Rig:
         StudioError: the file is missing, of an unknown format, truncated or otherwise unusable (camera_file.*), or one
             of its cameras is invalid (camera.*). The error contains the file.
     """
-    with naming(Path(path)):
-        return _checked(_read(Path(path)))
+    path = Path(path)
+    with naming(path):
+        if "{camera}" not in str(path) and not path.exists():
+            raise StudioError("camera_file.missing", "camera file not found", fix="Check the path.")
+        file = CameraFile(path)
+        form = _format_of(file)
+        if form is None and path.is_dir():
+            chosen = _only_file_in(path)
+            if chosen != path:
+                return read_rig(chosen)
+            form = next(form for form in CAMERA_FORMATS if form.name == "colmap_model")
+        if form is None:
+            raise _unknown_format(file)
+        return _checked(form.module.read(file))
+
+
+def _format_of(file: CameraFile) -> CameraFormat | None:
+    """The format of a file, or of a folder that has one itself."""
+    if "{camera}" in str(file.path):
+        return next(form for form in CAMERA_FORMATS if form.per_camera)
+    name = file.path.stem + file.path.suffix.lower()
+    for form in CAMERA_FORMATS:
+        if any(fnmatchcase(name, pattern) for pattern in form.named) and not file.path.is_dir():
+            return form
+    return next((form for form in CAMERA_FORMATS if not form.named and form.module.matches(file)), None)
 
 
 def _checked(rig: Rig) -> Rig:
@@ -87,7 +222,9 @@ def _checked(rig: Rig) -> Rig:
             problem = f"a focal length of {focal:.4g} pixels is too short for images of {camera.width}x{camera.height}"
             fix = "Give focal lengths and principal points in pixels, not in millimeters or relative to the size."
             raise camera_error("camera.focal_length_unit", camera.name, problem, value=focal, fix=fix)
-    outside = [one.name for one in rig if not (0 <= one.cx <= one.width and 0 <= one.cy <= one.height)]
+    outside = [
+        camera.name for camera in rig if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height)
+    ]
     if not outside:
         return rig
     note = (
@@ -97,123 +234,43 @@ def _checked(rig: Rig) -> Rig:
     return replace(rig, notes=(*rig.notes, note))
 
 
-def _read(path: Path) -> Rig:
-    if "{camera}" in str(path):
-        fixed = next(parent for parent in path.parents if "{camera}" not in str(parent))
-        return read_opencv_cameras(fixed, path.relative_to(fixed).as_posix())
-    if path.is_dir():
-        return _read_folder(path)
-    if not path.exists():
-        raise StudioError("camera_file.missing", "camera file not found", fix="Check the path.")
-    if path.name in _COLMAP_FILES:
-        return read_colmap(path.parent)
-    if path.suffix.lower() == ".json":
-        return _read_json(path)
-    if path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
-        return easymocap.read_easymocap(path.parent)
-    if path.name in (rerf.POSES, rerf.INTRINSICS):
-        return rerf.read_rerf(path.parent)
-    if path.suffix.lower() == ".toml":
-        return read_toml(path)
-    if path.suffix.lower() == ".npy":
-        return annots_npy.read_annots(path) if path.name == annots_npy.NAME else poses_bounds.read_poses_bounds(path)
-    text = read_text(path)
-    start = text.lstrip()[:1]
-    if path.suffix.lower() == ".csv":
-        heads = {head.strip() for head in text.lstrip().splitlines()[0].split(",")}
-        return read_actorshq(path) if len(heads & set(ACTORSHQ_COLUMNS)) > 9 else read_realityscan(path)
-    if start == "<":
-        return _read_xml(text)
-    if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0" or, since version 5, "%YAML 1.2"
-        values = read_storage(path)
-        if "nb_camera" in values:
-            return rig_from_mc_calib(path.parent, values)
-        raise _one_camera()
-    if start not in "{[":
-        raise _unknown_format("not a camera file of a supported format")
-    return _read_json(path)
+def _unknown_format(file: CameraFile) -> StudioError:
+    problem = "not a camera file of a supported format"
+    if file.kind == "json":
+        keys = ", ".join(f"'{key}'" for key in list(file.json)[:20]) if isinstance(file.json, dict) else "a list"
+        problem = f"the JSON has no cameras under a known key ({keys or 'empty'})"
+    titles = ", ".join(form.title.replace("`", "") for form in CAMERA_FORMATS)
+    return StudioError("camera_file.unknown_format", problem, fix=f"Supported are {titles}.")
 
 
-def _read_json(path: Path) -> Rig:
-    values = read_json_value(path)
-    if isinstance(values, dict):
-        if isinstance(values.get("frames"), list) and "cameras" not in values:
-            return rig_from_transforms(path, values)
-        if dynamic_gaussians.is_meta(values):
-            return dynamic_gaussians.read_meta(path)
-        check_format(values)
-    rig = rig_from_json(path.parent, values)
-    if rig is not None:
-        return rig
-    keys = ", ".join(f"'{key}'" for key in list(values)[:20]) if isinstance(values, dict) else "a list"
-    raise _unknown_format(f"the JSON has no cameras under a known key ({keys or 'empty'})")
-
-
-def _unknown_format(problem: str) -> StudioError:
-    return StudioError("camera_file.unknown_format", problem, fix=f"Supported are {_KNOWN}.")
-
-
-def _one_camera() -> StudioError:
-    problem = "an OpenCV calibration, which describes one camera"
-    fix = "Set capture.rig to the pattern of all of them, for example '{camera}/config.xml'."
-    return StudioError("camera_file.one_camera", problem, fix=fix, setting="capture.rig")
-
-
-def _read_folder(folder: Path) -> Rig:
-    if any(folder.glob(f"*{mvsnet.SUFFIX}")):
-        return mvsnet.read_mvsnet(folder)
+def _only_file_in(folder: Path) -> Path:
+    """The only camera file in a folder; the folder itself if it has none, or a COLMAP model only."""
     files = find_camera_files(folder)
     if len(files) > 1:
-        names = ", ".join(file.name for file in files)
-        problem = f"several camera files in the folder: {names}"
-        fix = "Specify one of them."
-        raise StudioError("camera_file.ambiguous", problem, value=[file.name for file in files], fix=fix)
-    if files and files[0] != folder:
-        return read_rig(files[0])
-    return read_colmap(folder)
-
-
-def _read_xml(text: str) -> Rig:
-    try:
-        root = ElementTree.fromstring(text.encode())
-    except ElementTree.ParseError as error:
-        line, column = error.position
-        problem = f"invalid XML at line {line}, column {column + 1}"
-        fix = "The file may be truncated: export the cameras again."
-        raise StudioError("camera_file.syntax", problem, fix=fix, line=line, column=column + 1) from None
-    if root.tag in ("document", "chunk"):
-        return rig_from_metashape(root)
-    if root.tag == "opencv_storage":
-        raise _one_camera()
-    return rig_from_qualisys(root)
+        names = [path.name for path in files]
+        problem = f"several camera files in the folder: {', '.join(names)}"
+        raise StudioError("camera_file.ambiguous", problem, value=names, fix="Specify one of them.")
+    return files[0] if files else folder
 
 
 def write_rig(rig: Rig, path: Path | str) -> None:
-    """Write cameras, atomically, in the format that the name selects.
-
-    `transforms*.json`: transforms.json; any other `.json`: rig.json; `.csv`: ActorsHQ's calibration.csv;
-    `camera_array*.toml`: Caliscope; any other `.toml`: Pose2Sim; `intri.yml` or `extri.yml`: both files of EasyMocap;
-    no extension: a folder with a COLMAP text model.
+    """Write cameras, atomically, in the first format of docs/reference/files.md that is written under such a name:
+    `rig.json`, `transforms.json`, `calibration.csv`, `Calib.toml` or `intri.yml`, for example; without an extension, a
+    folder with a COLMAP model.
 
     Raises:
         StudioError: the extension is unknown (camera_file.unknown_extension), the format cannot express a camera
             (camera_file.not_expressible), or the file cannot be written (camera_file.unwritable).
     """
     path = Path(path)
+    name = path.name.lstrip(".") if path.suffix else ""
+    forms = [form for form in CAMERA_FORMATS if any(fnmatchcase(name, pattern) for pattern in form.written)]
+    if not forms and path.is_dir():
+        forms = [form for form in CAMERA_FORMATS if "" in form.written]
     with naming(path):
-        if path.suffix == ".json" and path.name.lstrip(".").startswith("transforms"):
-            write_transforms(rig, path)
-        elif path.suffix == ".json":
-            write_rig_json(rig, path)
-        elif path.suffix == ".csv":
-            write_actorshq(rig, path)
-        elif path.suffix == ".toml":
-            write_toml(rig, path)
-        elif path.name in (easymocap.INTRINSICS, easymocap.EXTRINSICS):
-            easymocap.write_easymocap(rig, path.parent)
-        elif path.suffix == "" or path.is_dir():
-            write_colmap(rig, path)
-        else:
+        if not forms:
             problem = f"cameras cannot be written as '{path.suffix}'"
-            fix = "Use .json, .csv, .toml, intri.yml, or a folder for a COLMAP model."
+            names = dict.fromkeys(name for form in CAMERA_FORMATS for name in form.written if name)
+            fix = f"Use {', '.join(names)}, or a folder for a COLMAP model."
             raise StudioError("camera_file.unknown_extension", problem, value=path.suffix, fix=fix)
+        forms[0].module.write(rig, path)

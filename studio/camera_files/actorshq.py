@@ -10,15 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.camera_files.common import check_expressible, read_csv, rigid_inverse, write_atomic
-from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import NO_DISTORTION
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.validation import camera_error, number
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 
 
-def read_actorshq(path: Path) -> Rig:
-    return Rig(tuple(_camera(row) for row in read_csv(path, COLUMNS)), (NO_DISTORTION,))
+def matches(file: CameraFile) -> bool:
+    """Whether a file has most of the columns: the error names those that are missing."""
+    return len(file.columns & set(COLUMNS)) > 9
+
+
+def read(file: CameraFile) -> Rig:
+    """Read the cameras."""
+    return Rig(tuple(_camera(row) for row in read_csv(file.path, COLUMNS)), (NO_DISTORTION,))
 
 
 def _camera(row: dict[str, str]) -> Camera:
@@ -33,7 +40,8 @@ def _camera(row: dict[str, str]) -> Camera:
     return Camera(row["name"], width, height, K, rigid_inverse(pose))
 
 
-def write_actorshq(rig: Rig, path: Path) -> None:
+def write(rig: Rig, path: Path) -> None:
+    """Write the cameras, atomically."""
     import cv2
 
     lines = [",".join(COLUMNS)]

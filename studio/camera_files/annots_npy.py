@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from v3studio.studio.camera_files.common import no_cameras
-from v3studio.studio.camera_files.keyed import KeyedForm, keyed_rig
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import KeyedForm, keyed_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.validation import missing_key
 
-NAME = "annots.npy"
 _SAFE = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),
@@ -36,9 +36,9 @@ class _OnlyArrays(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it contains {module}.{name}")
 
 
-def read_annots(path: Path) -> Rig:
+def read(file: CameraFile) -> Rig:
     """Read the cameras, in meters; image sizes come from the images next to the file."""
-    values = _load(path)
+    values = _load(file.path)
     cams, frames = values.get("cams"), values.get("ims")
     if not isinstance(cams, dict) or not isinstance(frames, list) or not frames:
         raise no_cameras("the file has no 'cams' and 'ims'")
@@ -56,7 +56,7 @@ def read_annots(path: Path) -> Rig:
     for index, image in enumerate(images):
         name = PurePosixPath(str(image).replace("\\", "/")).parts[0]
         entries.append((name, {key: np.asarray(value[index]).tolist() for key, value in lists.items()}))
-    return keyed_rig(path.parent, entries, KeyedForm(unit=0.001))
+    return keyed_rig(file.path.parent, entries, KeyedForm(unit=0.001))
 
 
 def _load(path: Path) -> JsonObject:

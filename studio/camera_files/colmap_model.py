@@ -14,6 +14,7 @@ import numpy as np
 
 from v3studio.studio.bounded_files import read_bounded
 from v3studio.studio.camera_files.common import camera_names, check_expressible, read_text, unreadable, write_atomic
+from v3studio.studio.camera_files.common.camera_file import CameraFile
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.rotations import matrices_to_quats, quats_to_matrices
@@ -75,13 +76,20 @@ _Lens = tuple[str, int, int, list[float]]  # model, width, height, parameters
 _Pose = tuple[str, int, list[float]]  # name of an image, id of its camera, quaternion and translation
 
 
-def read_colmap(folder: Path) -> Rig:
-    """Read a model folder: one camera per registered image, sorted by name and named after the image.
+def is_in(folder: Path) -> bool:
+    """Whether a folder contains a model, or numbered folders with models."""
+    return any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin")) or bool(_numbered_models(folder))
 
-    It contains cameras and images as .bin or .txt (binary is preferred, as in COLMAP), either directly or in `sparse`
-    or numbered folders in it, of which the one with the most images is read.
+
+def read(file: CameraFile) -> Rig:
+    """Read a model: one camera per registered image, sorted by name and named after the image.
+
+    The path is that of its folder or of one of its files. The folder contains cameras and images as .bin or .txt
+    (binary is preferred, as in COLMAP), either directly or in `sparse` or numbered folders in it, of which the one with
+    the most images is read.
     """
-    for candidates in ([folder], numbered_models(folder), [folder / "sparse"], numbered_models(folder / "sparse")):
+    folder = file.path if file.path.is_dir() else file.path.parent
+    for candidates in ([folder], _numbered_models(folder), [folder / "sparse"], _numbered_models(folder / "sparse")):
         models = [(part, rig) for part, rig in ((part, _read_one(part)) for part in candidates) if rig is not None]
         if not models:
             continue
@@ -97,7 +105,7 @@ def read_colmap(folder: Path) -> Rig:
     raise StudioError("camera_file.no_model", "no camera file or COLMAP model in the folder", file=folder, fix=fix)
 
 
-def numbered_models(folder: Path) -> list[Path]:
+def _numbered_models(folder: Path) -> list[Path]:
     """The folders 0, 1, ... with cameras.bin or cameras.txt: COLMAP writes several if it cannot connect all images."""
     numbered = [part for part in folder.glob("[0-9]*") if part.name.isdecimal() and part.is_dir()]
     numbered = [part for part in numbered if any((part / f"cameras.{form}").is_file() for form in ("bin", "txt"))]
@@ -268,8 +276,8 @@ def _poses_binary(path: Path) -> list[_Pose]:
     return poses
 
 
-def write_colmap(rig: Rig, folder: Path) -> None:
-    """Write a text model without points: cameras.txt, images.txt, points3D.txt."""
+def write(rig: Rig, path: Path) -> None:
+    """Write a folder with a text model without points: cameras.txt, images.txt, points3D.txt."""
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     for key, camera in enumerate(rig, 1):
@@ -279,4 +287,4 @@ def write_colmap(rig: Rig, folder: Path) -> None:
         images += [" ".join([str(key), *map(repr, pose), str(key), f"{camera.name}.png"]), ""]
     files = {"cameras.txt": cameras, "images.txt": images, "points3D.txt": ["# no points"]}
     for name, lines in files.items():
-        write_atomic(folder / name, ("\n".join(lines) + "\n").encode())
+        write_atomic(path / name, ("\n".join(lines) + "\n").encode())

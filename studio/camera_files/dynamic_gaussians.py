@@ -12,28 +12,30 @@ from typing import Any
 import numpy as np
 
 from v3studio.studio.camera_files.common import no_cameras, read_json
-from v3studio.studio.camera_files.keyed import NO_DISTORTION, KeyedForm, keyed_rig
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import NO_DISTORTION, KeyedForm, keyed_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.validation import missing_key
 
-TRAIN, TEST = "train_meta.json", "test_meta.json"
+_TRAIN, _TEST = "train_meta.json", "test_meta.json"
 _LISTS = ("k", "w2c", "fn", "cam_id")
 _KNOWN = {*_LISTS, "w", "h"}
 
 
-def is_meta(values: JsonObject) -> bool:
-    """Whether a JSON object has this form."""
-    return {"w2c", "fn"} <= set(values)
+def matches(file: CameraFile) -> bool:
+    """Whether a file has this form."""
+    return {"w2c", "fn"} <= file.json_object.keys()
 
 
-def read_meta(path: Path) -> Rig:
+def read(file: CameraFile) -> Rig:
     """Read the cameras of both files in the folder, in the order of the training file, then the test file."""
-    names = [name for name in (TRAIN, TEST) if (path.parent / name).is_file()]
-    files = [path.parent / name for name in names] if path.name in (TRAIN, TEST) else [path]
-    rigs = [_cameras(file) for file in files]
-    test = [camera.name for file, rig in zip(files, rigs, strict=True) if file.name == TEST for camera in rig]
+    path = file.path
+    names = [name for name in (_TRAIN, _TEST) if (path.parent / name).is_file()]
+    files = [path.parent / name for name in names] if path.name in (_TRAIN, _TEST) else [path]
+    rigs = [_cameras(part) for part in files]
+    test = [camera.name for part, rig in zip(files, rigs, strict=True) if part.name == _TEST for camera in rig]
     cameras = tuple(camera for rig in rigs for camera in rig)
     return Rig(cameras, (NO_DISTORTION,), for_evaluation=tuple(test) if len(rigs) > 1 else ())
 

@@ -11,26 +11,28 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.camera_files.common import need_both, no_cameras, write_atomic
-from v3studio.studio.camera_files.keyed import KeyedForm, keyed_rig, normal_key
-from v3studio.studio.camera_files.opencv_storage import read_storage
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import KeyedForm, keyed_rig, normal_key
+from v3studio.studio.camera_files.common.opencv_storage import read_storage
 from v3studio.studio.cameras import Rig
 from v3studio.studio.errors import naming
 from v3studio.studio.json_types import JsonObject
 
-INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+_INTRINSICS, _EXTRINSICS = "intri.yml", "extri.yml"
 _LOWER_CASE = {"t": "time", "v": "view", "n": "near", "f": "far", "bounds": "bounds"}
 """EasyVolcap's keys that differ only in case from others."""
 
 
-def read_easymocap(folder: Path) -> Rig:
+def read(file: CameraFile) -> Rig:
     """Read both files of a folder."""
-    need_both(folder, (INTRINSICS, EXTRINSICS), "EasyMocap")
-    files = [read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS)]
-    names = files[0].get("names")
+    folder = file.path.parent
+    need_both(folder, (_INTRINSICS, _EXTRINSICS), "EasyMocap")
+    parts = [read_storage(folder / name) for name in (_INTRINSICS, _EXTRINSICS)]
+    names = parts[0].get("names")
     if not isinstance(names, list) or not names:
-        raise no_cameras("the list 'names' is missing or empty", folder / INTRINSICS)
+        raise no_cameras("the list 'names' is missing or empty", folder / _INTRINSICS)
     cameras: list[tuple[str, JsonObject]] = [(str(name), {}) for name in names]
-    for key, value in [pair for file in files for pair in file.items()]:
+    for key, value in [pair for part in parts for pair in part.items()]:
         owners = [camera for camera in cameras if key.endswith(f"_{camera[0]}")]
         if owners:  # of the cameras 1 and left_1, K_left_1 belongs to the second
             max(owners, key=lambda camera: len(camera[0]))[1][key] = value
@@ -43,8 +45,8 @@ def _spelling(key: str, camera: str) -> str:
     return normal_key(_LOWER_CASE.get(own, own))
 
 
-def write_easymocap(rig: Rig, folder: Path) -> None:
-    """Write intri.yml and extri.yml."""
+def write(rig: Rig, path: Path) -> None:
+    """Write intri.yml and extri.yml, of which `path` is one, atomically."""
     import cv2
 
     intrinsics = ["%YAML:1.0", "---", "names:", *(f'   - "{camera.name}"' for camera in rig)]
@@ -56,8 +58,8 @@ def write_easymocap(rig: Rig, folder: Path) -> None:
         pose += _matrix(f"R_{camera.name}", cv2.Rodrigues(camera.rotation)[0])
         pose += _matrix(f"Rot_{camera.name}", camera.rotation)
         pose += _matrix(f"T_{camera.name}", camera.translation[:, None])
-    for name, lines in ((INTRINSICS, intrinsics), (EXTRINSICS, pose)):
-        write_atomic(folder / name, ("\n".join(lines) + "\n").encode())
+    for name, lines in ((_INTRINSICS, intrinsics), (_EXTRINSICS, pose)):
+        write_atomic(path.parent / name, ("\n".join(lines) + "\n").encode())
 
 
 def _matrix(key: str, value: np.ndarray) -> list[str]:

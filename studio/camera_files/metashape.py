@@ -16,7 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from v3studio.studio.camera_files.common import camera_names, check_pose, rigid_inverse, wrong_shape
-from v3studio.studio.camera_files.lens_fit import brown
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.lens_fit import brown
 from v3studio.studio.cameras import Camera, Rig, focal_length_error
 from v3studio.studio.counts import cameras_listed
 from v3studio.studio.errors import StudioError
@@ -30,8 +31,15 @@ _TERMS = frozenset({
 })  # fmt: skip
 
 
-def rig_from_metashape(root: Element) -> Rig:
-    """A rig from the root element <document> or <chunk>."""
+def matches(file: CameraFile) -> bool:
+    """Whether a file has this form."""
+    return file.xml is not None and file.xml.tag in ("document", "chunk")
+
+
+def read(file: CameraFile) -> Rig:
+    """Read the cameras of the first chunk."""
+    root = file.xml
+    assert root is not None
     chunk = root if root.tag == "chunk" else root.find("chunk")
     if chunk is None:
         fix = "Export the cameras from Metashape again: File, Export, Export Cameras, XML."

@@ -9,22 +9,33 @@ from contextlib import suppress
 from pathlib import Path
 
 from v3studio.studio.camera_files.common import read_text
-from v3studio.studio.camera_files.keyed import NO_DISTORTION
-from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.validation import array, check_finite
 
-SUFFIX = "_cam.txt"
+_SUFFIX = "_cam.txt"
 
 
-def read_mvsnet(folder: Path) -> Rig:
+def is_in(folder: Path) -> bool:
+    """Whether a folder has such files."""
+    return any(folder.glob(f"*{_SUFFIX}"))
+
+
+def matches(file: CameraFile) -> bool:
+    """Whether a path is a folder with such files."""
+    return is_in(file.path)
+
+
+def read(file: CameraFile) -> Rig:
     """Read all files of a folder; image sizes come from the footage around it."""
-    return Rig(tuple(map(_camera, sorted(folder.glob(f"*{SUFFIX}")))), (NO_DISTORTION,))
+    return Rig(tuple(map(_camera, sorted(file.path.glob(f"*{_SUFFIX}")))), (NO_DISTORTION,))
 
 
 def _camera(path: Path) -> Camera:
-    name = path.name.removesuffix(SUFFIX)
+    name = path.name.removesuffix(_SUFFIX)
     text = read_text(path)
     with naming(path):
         matrices = []

@@ -10,25 +10,25 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.camera_files.common import rigid_inverse
-from v3studio.studio.camera_files.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import NO_DISTORTION
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
 from v3studio.studio.errors import StudioError
 from v3studio.studio.validation import check_finite
 
-NAME = "poses_bounds.npy"
 _FOLDERS = ("", "videos", "images", "frames")
 
 
-def read_poses_bounds(path: Path) -> Rig:
+def read(file: CameraFile) -> Rig:
     """Read the cameras; their names are those of the videos, images or folders next to the file."""
     try:
-        rows = np.load(path, allow_pickle=False)
+        rows = np.load(file.path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise _invalid(f"not a NumPy array ({error})") from None
     if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "fiu" or not len(rows):
         raise _invalid(f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")
-    names = _names(path.parent, len(rows))
+    names = _names(file.path.parent, len(rows))
     cameras = []
     for name, row in zip(names, rows.astype(np.float64), strict=True):
         check_finite(row, "row", name)
@@ -38,7 +38,7 @@ def read_poses_bounds(path: Path) -> Rig:
         height, width, focal = matrix[:, 4]
         K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
         cameras.append(Camera(name, round(width), round(height), K, rigid_inverse(pose)))
-    order = f"The rows of {NAME} are taken in the order of the names: {', '.join(names[:3])}, ..."
+    order = f"The rows of poses_bounds.npy are taken in the order of the names: {', '.join(names[:3])}, ..."
     middle = "It has no principal points: they are taken to be the image centers."
     return Rig(tuple(cameras), (NO_DISTORTION, middle, order))
 

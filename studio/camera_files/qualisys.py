@@ -15,7 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from v3studio.studio.camera_files.common import no_cameras
-from v3studio.studio.camera_files.keyed import Found
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import Found
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
 from v3studio.studio.validation import missing_key, number
 
@@ -33,9 +34,15 @@ _INTRINSICS = {
 }  # fmt: skip
 
 
-def rig_from_qualisys(root: ElementTree.Element) -> Rig:
-    """A rig in meters from the root element <calibration>."""
-    entries = [entry for entry in root.findall("cameras/camera") if entry.get("active", "1") != "0"]
+def matches(file: CameraFile) -> bool:
+    """Whether a file is XML: that of other programs is recognized before."""
+    return file.xml is not None
+
+
+def read(file: CameraFile) -> Rig:
+    """Read the cameras in <calibration>, in meters."""
+    assert file.xml is not None
+    entries = [entry for entry in file.xml.findall("cameras/camera") if entry.get("active", "1") != "0"]
     video = [entry for entry in entries if _records_video(entry)]
     if not entries:
         raise no_cameras("no active cameras (calibration/cameras/camera)")

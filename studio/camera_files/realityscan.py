@@ -7,30 +7,34 @@ does not contain image sizes, so the images must be next to it; rows without an 
 t1 and t2, whose order is not documented, must be 0 (the default lens model does not have them).
 """
 
-from pathlib import Path
-
 import numpy as np
 
 from v3studio.studio.camera_files.common import camera_names, read_csv, rigid_inverse
-from v3studio.studio.camera_files.keyed import NO_DISTORTION
-from v3studio.studio.camera_files.lens_fit import brown
-from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.common.lens_fit import brown
+from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig, focal_length_error
 from v3studio.studio.counts import cameras_listed
 from v3studio.studio.errors import StudioError
 from v3studio.studio.validation import camera_error, number
 
-COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
+_COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 
 
-def read_realityscan(path: Path) -> Rig:
+def matches(file: CameraFile) -> bool:
+    """Whether a file is CSV: that of ActorsHQ is recognized before."""
+    return file.kind == "csv"
+
+
+def read(file: CameraFile) -> Rig:
     """Read the CSV; image sizes come from the images next to it."""
-    rows = read_csv(path, COLUMNS, _LENS)
+    rows = read_csv(file.path, _COLUMNS, _LENS)
     cameras, missing = [], []
     for name, row in zip(camera_names([row["name"] for row in rows]), rows, strict=True):
         try:
-            size = size_nearby(path.parent, row["name"], name)
+            size = size_nearby(file.path.parent, row["name"], name)
         except StudioError as error:
             if error.code != "camera.size_unknown":
                 raise
@@ -48,7 +52,7 @@ def read_realityscan(path: Path) -> Rig:
 def _camera(name: str, row: dict[str, str], size: tuple[int, int]) -> Camera:
     from scipy.spatial.transform import Rotation
 
-    value = {key: number(row, key, name) for key in COLUMNS[1:]}
+    value = {key: number(row, key, name) for key in _COLUMNS[1:]}
     value |= {key: number(row, key, name, 0.0) for key in _LENS}
     if value["t1"] or value["t2"]:
         problem = f"tangential distortion is not supported, but t1 and t2 are {value['t1']:g} and {value['t2']:g}"

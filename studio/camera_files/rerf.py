@@ -11,29 +11,31 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.camera_files.common import need_both, read_text, rigid_inverse
-from v3studio.studio.camera_files.keyed import NO_DISTORTION
-from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import NO_DISTORTION
+from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.validation import array, check_finite
 
-POSES, INTRINSICS = "CamPose.inf", "Intrinsic.inf"
+_POSES, _INTRINSICS = "CamPose.inf", "Intrinsic.inf"
 
 
-def read_rerf(folder: Path) -> Rig:
+def read(file: CameraFile) -> Rig:
     """Read both files of a folder; image sizes come from the footage in image/."""
-    need_both(folder, (POSES, INTRINSICS), "ReRF")
-    with naming(folder / POSES):
-        poses = _poses(folder / POSES)
-    with naming(folder / INTRINSICS):
-        intrinsics = _intrinsics(folder / INTRINSICS)
+    folder = file.path.parent
+    need_both(folder, (_POSES, _INTRINSICS), "ReRF")
+    with naming(folder / _POSES):
+        poses = _poses(folder / _POSES)
+    with naming(folder / _INTRINSICS):
+        intrinsics = _intrinsics(folder / _INTRINSICS)
         if len(poses) != len(intrinsics):
-            problem = f"the file contains {counted(len(intrinsics), 'camera')}, but {POSES} contains {len(poses)}"
+            problem = f"the file contains {counted(len(intrinsics), 'camera')}, but {_POSES} contains {len(poses)}"
             fix = "Copy both files again."
             raise StudioError("camera_file.camera_count", problem, value=len(intrinsics), fix=fix, expected=len(poses))
     cameras = []
-    with naming(folder / POSES):
+    with naming(folder / _POSES):
         for index, (pose, K) in enumerate(zip(poses, intrinsics, strict=True)):
             name, size = _footage(folder, index)
             cameras.append(Camera(name, *size, K, rigid_inverse(pose)))

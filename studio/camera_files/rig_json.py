@@ -1,24 +1,53 @@
-"""rig.json, the format of V3 Studio: `{"format": "v3studio-rig", "version": 1, "cameras": [Camera.to_dict(), ...]}`;
-and `left_out`, the names of cameras without a pose, if there are any.
+"""rig.json, the format of V3 Studio, and other JSON files with a list of cameras.
 
-It is read as other JSON files are (`studio.camera_files.json_rigs`), after a check of its version. The pixel origin is
-the image corner.
+rig.json: `{"format": "v3studio-rig", "version": 1, "cameras": [Camera.to_dict(), ...]}`; and `left_out`, the names of
+cameras without a pose, if there are any. cameras.json: `{"cameras": [{"name", "width", "height", "K", "R", "t",
+"distortion"}, ...]}`, x ~ K (R X + t). The pixel origin is the image corner.
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
-from v3studio.studio.camera_files.common import write_atomic
+from v3studio.studio.camera_files.common import json_object, no_cameras, write_atomic
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import KeyedForm, ignored_in_file, keyed_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonObject
+from v3studio.studio.validation import missing_key
 
 FORMAT = "v3studio-rig"
 VERSION = 1
+_CORNER = "Principal points are taken relative to the image corner."
 
 
-def check_format(values: JsonObject) -> None:
-    """Check the format and version of a JSON object, if it has them."""
+def matches(file: CameraFile) -> bool:
+    """Whether a file has a list of cameras, or is of a format or version that `read` refuses."""
+    values = file.json_object
+    is_other = values.get("format", FORMAT) != FORMAT or values.get("version", VERSION) != VERSION
+    return is_other or isinstance(values.get("cameras"), list)
+
+
+def read(file: CameraFile) -> Rig:
+    """Read the cameras. Raises StudioError: another format (camera_file.wrong_format) or version
+    (camera_file.wrong_version)."""
+    values = file.json_object
+    entries, notes = listed_cameras(values)
+    rig = keyed_rig(file.path.parent, entries, KeyedForm(corner=True))
+    if "format" not in values:
+        return replace(rig, notes=(*rig.notes, *notes, _CORNER))
+    left_out = values.get("left_out", [])
+    if not isinstance(left_out, list):
+        raise StudioError(
+            "camera_file.not_a_list", "'left_out' must be a list of names", value=left_out,
+            fix="Calibrate again.",
+        )  # fmt: skip
+    return replace(rig, left_out=(*rig.left_out, *map(str, left_out)))
+
+
+def listed_cameras(values: JsonObject) -> tuple[list[tuple[str, JsonObject]], tuple[str, ...]]:
+    """Name and values of each entry of `cameras`, and notes on the keys beside it. Raises StudioError as `read`."""
     if values.get("format", FORMAT) != FORMAT:
         problem = f"the format is {values['format']!r}, expected '{FORMAT}'"
         fix = "Specify a camera file."
@@ -27,9 +56,18 @@ def check_format(values: JsonObject) -> None:
         problem = f"the format version is {values['version']}, expected {VERSION}"
         fix = "Update V3 Studio."
         raise StudioError("camera_file.wrong_version", problem, value=values["version"], fix=fix, expected=VERSION)
+    if not values["cameras"]:
+        raise no_cameras("the list 'cameras' is empty")
+    entries = []
+    notes = ignored_in_file(values, ("cameras", "format", "version", "left_out", "calibDataSource"))
+    for index, entry in enumerate(map(json_object, values["cameras"])):
+        if "name" not in entry:
+            raise missing_key("name", f"number {index}")
+        entries.append((str(entry["name"]), entry))
+    return entries, notes
 
 
-def write_rig_json(rig: Rig, path: Path) -> None:
+def write(rig: Rig, path: Path) -> None:
     """Write rig.json atomically, with full precision. Raises StudioError (camera_file.unwritable)."""
     values = {"format": FORMAT, "version": VERSION, "cameras": [camera.to_dict() for camera in rig]}
     values |= {"left_out": list(rig.left_out)} if rig.left_out else {}

@@ -14,7 +14,8 @@ import numpy as np
 
 from v3studio.studio.bounded_files import TextError, parse_toml
 from v3studio.studio.camera_files.common import no_cameras, read_text, write_atomic
-from v3studio.studio.camera_files.keyed import KeyedForm, is_camera, keyed_rig
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import KeyedForm, is_camera, keyed_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonObject
@@ -22,10 +23,10 @@ from v3studio.studio.json_types import JsonObject
 _FORM = KeyedForm(harmless=("verified_resolutions",))
 
 
-def read_toml(path: Path) -> Rig:
+def read(file: CameraFile) -> Rig:
     """Read either format."""
     try:
-        values = parse_toml(read_text(path))
+        values = parse_toml(read_text(file.path))
     except TextError as error:
         problem = f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})"
         fix = "Two cameras may have the same name, or the file may be truncated: export it again."
@@ -38,7 +39,7 @@ def read_toml(path: Path) -> Rig:
     if all(table.get("ignore") for table in found.values()):
         raise no_cameras("all cameras in the file are marked with 'ignore'")
     named = [(_name(key, table, bool(nested)), table) for key, table in found.items()]
-    rig = keyed_rig(path.parent, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
+    rig = keyed_rig(file.path.parent, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
     return replace(rig, left_out=(*rig.left_out, *(name for name, table in named if table.get("ignore"))))
 
 
@@ -47,7 +48,7 @@ def _name(key: str, table: JsonObject, nested: bool) -> str:
     return str(table.get("name") or (f"cam_{table.get('cam_id', table.get('port', key))}" if nested else key))
 
 
-def write_toml(rig: Rig, path: Path) -> None:
+def write(rig: Rig, path: Path) -> None:
     """Write the format of Pose2Sim, or of Caliscope if the file is named camera_array*.toml."""
     import json
 

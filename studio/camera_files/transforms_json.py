@@ -28,8 +28,9 @@ from v3studio.studio.camera_files.common import (
     write_atomic,
     wrong_shape,
 )
-from v3studio.studio.camera_files.keyed import TERMS, Found, KeyedForm, keyed_camera, normal_key
-from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.keyed import TERMS, Found, KeyedForm, keyed_camera, normal_key
+from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
 from v3studio.studio.capture.patterns import without_extension
 from v3studio.studio.counts import listed
@@ -57,20 +58,27 @@ _HARMLESS = frozenset({
 _SPELLINGS = {"transformmatrix": "cameratoworld", "distortionparams": "distortion"}
 
 
-def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
-    """A rig from the JSON object in the file, and in the other parts of a split into training and test views."""
+def matches(file: CameraFile) -> bool:
+    """Whether a file has this form."""
+    values = file.json_object
+    return isinstance(values.get("frames"), list) and "cameras" not in values
+
+
+def read(file: CameraFile) -> Rig:
+    """Read the cameras, also those in the other parts of a split into training and test views."""
+    path, values = file.path, file.json_object
     files = {path: values}
     if _SPLIT.fullmatch(path.name):
         others = (path.parent / f"transforms_{part}.json" for part in ("train", "val", "test"))
         files = {other: values if other == path else read_json(other) for other in others if other.is_file()}
-    entries = [entry for file, content in files.items() for entry in _entries(file, content)]
+    entries = [entry for part, content in files.items() for entry in _entries(part, content)]
     names = camera_names([file_path for _, file_path, _ in entries])
     found = Found()
     groups: dict[bytes, list[int]] = {}
     cameras = []
-    for index, (name, (file, file_path, both)) in enumerate(zip(names, entries, strict=True)):
-        with naming(file):
-            cameras.append(_camera(name, file, file_path, both, found))
+    for index, (name, (part, file_path, both)) in enumerate(zip(names, entries, strict=True)):
+        with naming(part):
+            cameras.append(_camera(name, part, file_path, both, found))
         groups.setdefault(_fingerprint(cameras[-1]), []).append(index)
     notes = []
     if 1 < len(groups) < len(cameras):
@@ -81,7 +89,7 @@ def rig_from_transforms(path: Path, values: JsonObject) -> Rig:
                 names[index] = name
         first = [group[0] for group in groups.values()]
         cameras = [replace(cameras[index], name=names[index]) for index in first]
-    training = {name for name, (file, *_) in zip(names, entries, strict=True) if file.name == "transforms_train.json"}
+    training = {name for name, (part, *_) in zip(names, entries, strict=True) if part.name == "transforms_train.json"}
     tested = tuple(camera.name for camera in cameras if training and camera.name not in training)
     return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes), for_evaluation=tested)
 
@@ -176,7 +184,7 @@ def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
     raise StudioError("camera_file.no_common_name", problem, value=list(group[:2]), fix=fix)
 
 
-def write_transforms(rig: Rig, path: Path) -> None:
+def write(rig: Rig, path: Path) -> None:
     """Write transforms.json atomically, with intrinsics per camera and at most the distortion k1 k2 p1 p2 k3."""
     frames = []
     for camera in rig:

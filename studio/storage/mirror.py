@@ -13,10 +13,13 @@ from v3studio.studio.storage.cache import cache_folder, cache_limit, disk_cache,
 from v3studio.studio.storage.objects import Pointer, pointer_bytes, read_pointer
 from v3studio.studio.storage.store import Entry, Store
 
-_SMALL = frozenset({".json", ".yml", ".yaml", ".xml", ".txt", ".toml", ".npy", ".csv", ".cfg", ".ini", ".bin"})
-"""Files that describe a capture, such as calibrations, which many programs read: they are fetched at once."""
+DESCRIBING = frozenset(
+    {".json", ".yml", ".yaml", ".xml", ".txt", ".toml", ".npy", ".csv", ".cfg", ".ini", ".inf", ".bin"}
+)
+"""Extensions of files that describe a capture, such as calibrations. Many readers open them, so they are fetched at
+once."""
 
-_SMALL_BYTES = 256 << 20
+_LARGEST = 256 << 20  # bytes; larger files are not fetched at once
 _PARALLEL = 16
 
 
@@ -60,7 +63,7 @@ def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> 
                 continue
             raise _bad_name(store, name, f"the object has the name of a folder ({name}/...)")
         path, pointer = root / name, Pointer(store.address, name, entry.size, entry.tag, cache)
-        if path.suffix.lower() in _SMALL and entry.size <= _SMALL_BYTES:
+        if path.suffix.lower() in DESCRIBING and entry.size <= _LARGEST:
             if read_pointer(_beside(path)) != pointer or not path.is_file():
                 small.append((path, pointer))
         elif read_pointer(path) != pointer:

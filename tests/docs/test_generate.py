@@ -7,6 +7,7 @@ from types import ModuleType
 import pytest
 
 from v3studio.pipelines.config import Config
+from v3studio.studio.camera_files import CAMERA_FORMATS
 
 ROOT = Path(__file__).parents[2]
 Load = Callable[[str], ModuleType]
@@ -66,3 +67,9 @@ def test_names_that_do_not_exist_are_found(generator: Load) -> None:
     text += "```\n`studio/x`\n```"
     found = list(generator("names").unknown_names(text, ROOT, {"train", "capture", "capture.masks"}))
     assert found == ["studio/gone.py: no such file", "train.gone: no such setting"]
+
+
+def test_the_page_of_files_lists_every_camera_format(generator: Load) -> None:
+    page = (ROOT / "docs" / "reference" / "files.md").read_text(encoding="utf-8")
+    shown = generator("camera_files").with_camera_formats(page)
+    assert [form.title for form in CAMERA_FORMATS if f"| {form.title} |" not in shown] == []

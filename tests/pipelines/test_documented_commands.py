@@ -20,7 +20,6 @@ from tests.test_commands import ROOT, blocks
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.share.player_files import read_player
-from v3studio.studio.camera_files import _USUAL_NAMES
 from v3studio.studio.formats import EXPORTS
 from v3studio.studio.masks.sources import SOURCES
 from v3studio.studio.stream import StreamReader
@@ -135,13 +134,7 @@ def test_every_line_runs_or_has_a_reason() -> None:
 
 def test_the_guides_list_what_the_program_has() -> None:
     sources = [source.name for source in SOURCES]
-    pages = {
-        "masks": sources,
-        "export-import": EXPORTS,
-        "bake": CODECS,
-        "training": PRESETS,
-        "../reference/files": _USUAL_NAMES,
-    }
+    pages = {"masks": sources, "export-import": EXPORTS, "bake": CODECS, "training": PRESETS}
     for page, names in pages.items():
         text = (ROOT / "docs" / "guides" / f"{page}.md").read_text(encoding="utf-8")
         assert [name for name in names if not re.search(rf"[`*]{name}[`*]", text)] == [], page

@@ -17,7 +17,7 @@ from v3studio.pipelines.takes.authored.edits import change_edits
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, write_frame
 from v3studio.pipelines.takes.results.videos import trained_video
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.camera_files import write_rig_json
+from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.edits.edit_list import EditList, Trim
 from v3studio.studio.formats import read_splats
@@ -45,7 +45,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     take = Take.create(tmp_path_factory.mktemp("export") / "take")
     take.config.write_text("capture: {fps: 12.5}\nevaluate: {background: [0.0, 0.0, 1.0]}\n")
     take.rig.parent.mkdir()
-    write_rig_json(RIG, take.rig)
+    write_rig(RIG, take.rig)
     settings = BakeSettings(quality=0)
     entries = []
     for group, (first, count, splats) in enumerate(((0, 3, 60), (3, 2, 75))):

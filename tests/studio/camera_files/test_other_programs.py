@@ -13,8 +13,16 @@ from PIL import Image
 
 from tests.support.errors import refuses
 from tests.support.rigs import BENT, POINTS, STRAIGHT, assert_same_images, on_circle, pose
-from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.camera_files import CAMERA_FORMATS, CameraFormat, find_camera_files, read_rig, write_rig
 from v3studio.studio.cameras import Rig
+from v3studio.studio.storage.mirror import DESCRIBING
+
+
+@pytest.mark.parametrize("form", CAMERA_FORMATS, ids=lambda form: form.name)
+def test_every_format_has_what_its_row_says(form: CameraFormat) -> None:
+    wanted = {"read": True, "matches": not form.named, "write": bool(form.written), "is_in": form.is_folder}
+    assert {name: hasattr(form.module, name) for name in wanted} == wanted
+    assert {Path(name).suffix for name in (*form.usual, *form.per_camera)} <= DESCRIBING  # fetched from object storage
 
 
 def easymocap(folder: Path) -> dict[str, np.ndarray]:
@@ -543,6 +551,14 @@ def test_transforms_in_parts_for_training_and_test(tmp_path: Path) -> None:
         rig = read_rig(part)
         assert_same_images(rig, STRAIGHT)
         assert rig.for_evaluation == ("cam02",)
+
+
+def test_what_is_unlikely_is_noted_once(tmp_path: Path) -> None:
+    """Also where a folder is given, of which the only camera file is read."""
+    camera = STRAIGHT["cam00"]
+    write_rig(Rig((replace(camera, K=camera.K + np.eye(3, k=2) * 1000.0),)), tmp_path / "rig.json")
+    assert find_camera_files(tmp_path) == [tmp_path / "rig.json"]
+    assert read_rig(tmp_path).notes == read_rig(tmp_path / "rig.json").notes != ()
 
 
 def test_unknown_things_are_refused(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tests.support.errors import refuses
-from v3studio.studio.camera_files import write_rig_json
+from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Camera, Rig, look_at_pose
 from v3studio.studio.formats.camera_path import (
     CameraPath,
@@ -77,7 +77,7 @@ def test_paths_files(tmp_path):
     assert CameraPath(found, 120, 80).frame(1.5) == pytest.approx(4)
     assert CameraPath(found, 120, 80).frame(100) == pytest.approx(6)
 
-    write_rig_json(Rig(tuple(key.camera for key in KEYS)), tmp_path / "rig.json")
+    write_rig(Rig(tuple(key.camera for key in KEYS)), tmp_path / "rig.json")
     assert [key.time for key in read_path_keys(tmp_path / "rig.json", 9.0)] == [0, 3, 6, 9]
 
 

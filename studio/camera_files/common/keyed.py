@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from v3studio.studio.camera_files.common import check_pose, fisheye, no_cameras, rigid_inverse, wrong_shape
-from v3studio.studio.camera_files.nearby import size_nearby
+from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import Camera, Rig, duplicate_name
 from v3studio.studio.counts import cameras_listed, listed
 from v3studio.studio.errors import StudioError
@@ -164,6 +164,20 @@ def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], fo
     if found.bent and found.straight:
         raise missing_key("distortion", found.straight[0])
     return Rig(tuple(camera for _, camera in cameras if camera is not None), found.notes, tuple(without))
+
+
+def pose_of(entry: Mapping[str, Any], rotation: str, translation: str, camera: str) -> np.ndarray:
+    """(4, 4) from the matrix and the vector under these keys."""
+    pose = np.eye(4)
+    for key, place in ((rotation, pose[:3, :3]), (translation, pose[:3, 3])):
+        if key not in entry:
+            raise missing_key(key, camera)
+        value = array(entry[key], key, camera)
+        if value.size != place.size:
+            raise wrong_shape(key, camera, value.shape, (place.shape,))
+        check_finite(value, key, camera)
+        place[:] = value.reshape(place.shape)
+    return pose
 
 
 def keyed_camera(folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:

@@ -73,6 +73,14 @@ def read_json(path: Path) -> JsonObject:
     return value
 
 
+def json_object(entry: Any) -> JsonObject:
+    """An entry of a list of cameras. Raises StudioError (camera_file.not_an_object) if it is no object."""
+    if not isinstance(entry, dict):
+        problem = f"an entry of the list of cameras is {type(entry).__name__}, not an object"
+        raise StudioError("camera_file.not_an_object", problem, value=entry, fix="Export the cameras again.")
+    return entry
+
+
 def write_atomic(path: Path, data: bytes) -> None:
     """Write a file atomically. Raises StudioError (camera_file.unwritable)."""
     try:
