@@ -24,7 +24,7 @@ def read(file: CameraFile) -> Rig:
     """Read the cameras; their names are those of the videos, images or folders next to the file."""
     try:
         rows = np.load(file.path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # NumPy raises even tokenize.TokenError for a damaged head
         raise _invalid(f"not a NumPy array ({error})") from None
     if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "fiu" or not len(rows):
         raise _invalid(f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")

@@ -11,7 +11,6 @@ A temporal median fails if the performer covers a pixel half of the time. Instea
 If a pixel is always covered, its background is marked as unknown.
 """
 
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -191,8 +190,8 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
     try:
         with np.load(path) as file:
             return Background(**{name: file[name] for name in file.files})
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
-        pass  # missing or truncated: recomputed
+    except Exception:  # whatever NumPy, zipfile and zlib raise for a file that is missing or damaged: recomputed
+        pass
     made = make()
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         parts = {name: getattr(made, name) for name in Background.__dataclass_fields__}

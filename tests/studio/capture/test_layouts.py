@@ -235,6 +235,14 @@ def test_rows_without_their_video_are_refused(tmp_path: Path, make: SimpleNamesp
         read_rig(tmp_path / "poses_bounds.npy")
 
 
+def test_a_damaged_head_of_a_numpy_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "poses_bounds.npy"
+    np.save(path, np.zeros((2, 17)))
+    path.write_bytes(path.read_bytes().replace(b"}", b"("))
+    with refuses("camera_file.syntax", file=path):
+        read_rig(path)
+
+
 def test_numbers_match_names_only_if_unambiguous(make: SimpleNamespace) -> None:
     rig = Rig((make.camera("00000000"), make.camera("00000007")))
     assert match_rig(rig, ("cam_7", "cam_0"))["cam_7"].name == "cam_7"

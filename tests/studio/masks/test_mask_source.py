@@ -90,9 +90,12 @@ def test_estimated_sets_are_cached_and_damaged_files_replaced(tmp_path: Path) ->
     assert np.array_equal(first.plate, again.plate)
     assert np.array_equal(first.known, again.known)
     (file,) = tmp_path.iterdir()
-    file.write_bytes(file.read_bytes()[:1000])
-    cached_background(tmp_path, "k", estimate)
-    assert estimate.call_count == 2
+    whole = file.read_bytes()
+    middle = len(whole) // 2
+    for count, damaged in enumerate((whole[:1000], whole[:middle] + b"\xff" * 40 + whole[middle + 40 :]), 2):
+        file.write_bytes(damaged)
+        cached_background(tmp_path, "k", estimate)
+        assert estimate.call_count == count
 
 
 def test_static_footage_has_empty_masks(tmp_path: Path, make: SimpleNamespace) -> None:
