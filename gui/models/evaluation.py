@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from v3studio.gui.models.stage_rows import message_text
 from v3studio.pipelines.takes.results.evaluation import FrameQuality, Quality, read_evaluation
 from v3studio.studio.comparison.metrics import MAIN
 from v3studio.studio.errors import StudioError
@@ -42,7 +43,7 @@ class Evaluation:
         try:
             evaluation = read_evaluation(path)
         except StudioError as error:
-            return cls(error=str(error))
+            return cls(error=message_text(error))
         frames = {row.index: row for row in evaluation.frames}
         return cls(frames, evaluation.cameras, evaluation.protocol.held_out, stale=stale)
 

@@ -21,6 +21,7 @@ from v3studio.gui.models.scene.contents import Surface
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.scene.reader import SceneReader
 from v3studio.gui.models.scene.render import Place
+from v3studio.gui.models.stage_rows import message_text
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.pipelines.share.cast_frames import CastFrames
 from v3studio.pipelines.takes.results.videos import FALLBACK_FPS
@@ -137,7 +138,7 @@ class PlayerPresenter(Viewpoint):
             opened = open_path(self.opened.path)
             first = first_whole(opened.default) if opened.default is not None and not self.opened.sources else None
         except StudioError as error:  # being written; the next refresh will succeed
-            self._problem = str(error)
+            self._problem = message_text(error)
             return False
         self.contents = contents
         was_empty = not self.opened.sources
@@ -359,7 +360,7 @@ class PlayerPresenter(Viewpoint):
             self._left_out = (done.request.frame, str(done.error))
             return None
         if done.error is not None:
-            what = str(done.error) if isinstance(done.error, StudioError) else repr(done.error)
+            what = message_text(done.error) if isinstance(done.error, StudioError) else repr(done.error)
             self._problem = f"Frame {self.transport.number(done.request.frame)}: {what}"
             self.transport.pause()
             return None

@@ -11,6 +11,7 @@ import numpy as np
 
 from v3studio.gui.drawing.compare import What
 from v3studio.gui.models.playback.stream_source import CACHE_BYTES, StreamSource
+from v3studio.gui.models.stage_rows import message_text
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.share.cast import is_cast
 from v3studio.pipelines.share.cast_frames import CastFrames
@@ -163,7 +164,7 @@ def load(path: str | Path) -> tuple[Opened, Gaussians | None]:
             for source in opened.sources.values():
                 source.close()
             raise
-        first, opened.message = None, str(error)  # the rest of the take can still be shown
+        first, opened.message = None, message_text(error)  # the rest of the take can still be shown
     return opened, first
 
 
@@ -207,24 +208,24 @@ def _open_take(path: Path) -> Opened:
             opened.rig = in_own_frame(read_rig(take.rig))
             opened.up, opened.view = opened.rig.up, next(iter(opened.rig), None)
     except StudioError as error:
-        problems.append(str(error))
+        problems.append(message_text(error))
     try:
         opened.trim = read_edits(take.edits).trim
     except StudioError as error:
-        problems.append(str(error))
+        problems.append(message_text(error))
     if take.has_stream:
         try:
             decoded = StreamSource(take.stream, in_take=True)
             opened.sources[decoded.name] = decoded
         except StudioError as error:  # trained frames can still be shown
-            problems.append(str(error))
+            problems.append(message_text(error))
     try:
         trained = TrainedSource(take, _fps(take, opened))
         opened.numbers = trained.numbers
         opened.sources[trained.name] = trained
     except StudioError as error:
         if error.code != "take.not_trained":
-            problems.append(str(error))
+            problems.append(message_text(error))
     opened.message = "\n".join(dict.fromkeys(problems))  # each once: trained frames need the edits, too
     return opened
 

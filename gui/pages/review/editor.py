@@ -11,6 +11,7 @@ from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.viewpoint import Viewpoint
 from v3studio.gui.models.scene.handles import default_crop, default_ground, up_of
 from v3studio.gui.models.scene.orbit import OrbitCamera
+from v3studio.gui.models.stage_rows import message_text
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.review.handles import marked
 from v3studio.gui.pages.review.tools import BRUSH, BRUSH_STEP, DRAWS, LEAST_BRUSH, MOST_BRUSH, Stroke, Tool
@@ -164,7 +165,7 @@ class Editor:
                 redo()
                 self.workspace.history.add(Change(words, undo, redo))
         except StudioError as error:
-            refused = self.refuse(str(error))
+            refused = self.refuse(message_text(error))
         if self.tool == Tool.FLOATERS:
             self.tool = Tool.ORBIT
         return refused
@@ -285,7 +286,7 @@ class Editor:
             mark = marked(take, self.numbers.number(frame), self.measured.seen, point, eye)
             after = edits.with_(details=(*edits.details, mark))
         except StudioError as error:
-            self.refuse(str(error.message))
+            self.refuse(message_text(error))
         except ValueError:
             self.refuse("There are too many details already. Take some back with List.")
         else:
