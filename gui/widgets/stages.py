@@ -6,7 +6,7 @@ import numpy as np
 from open3d.visualization import gui
 
 from v3studio.gui.drawing.canvas import Canvas, text_width
-from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT
+from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT, State
 from v3studio.gui.models.stage_rows import TITLES, StageRow
 from v3studio.gui.models.take.estimates import Estimates
 from v3studio.gui.models.take.page_words import setting_words
@@ -108,7 +108,7 @@ class StagesPanel:
 
     def _run_clicked(self) -> None:
         row = self._workspace.row(self.selected)
-        self._run(self.selected, row.state == "done")
+        self._run(self.selected, row.state == State.DONE)
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type
@@ -268,16 +268,16 @@ class StagesPanel:
         self._shown_config = None  # lay the settings out again
         self._changed()
 
-    def _update_buttons(self, state: str, rows: Sequence[StageRow]) -> bool:
+    def _update_buttons(self, state: State, rows: Sequence[StageRow]) -> bool:
         changed = False
         busy = self._workspace.busy
         there = self._workspace.config is not None
-        run = "Check" if self.selected == "capture" else "Run again" if state == "done" else "Run"
+        run = "Check" if self.selected == "capture" else "Run again" if state == State.DONE else "Run"
         for key, text in (("run", run), ("pause", "Resume" if self._workspace.paused else "Pause")):
             if put(self.buttons[key], text=text):
                 self._hints.give(self.buttons[key], _HINTS[text], self.row)
                 changed = True
-        to_do = run == "Check" and state == "done" and any(row.state != "done" for row in rows)
+        to_do = run == "Check" and state == State.DONE and any(row.state != State.DONE for row in rows)
         upcoming = "all" if to_do else "run" if run == "Run" else ""
         if self.upcoming != upcoming:  # only what is to be done next stands out
             for key in ("all", "run"):
@@ -309,15 +309,15 @@ def list_image(rows: Sequence[StageRow], selected: str, width: int, em: float) -
             canvas.rect(0, y, 3, each, ACCENT)
         color = STATE_COLORS[row.state]
         middle = y + each / 2
-        canvas.dot(1.2 * em, middle, 0.32 * em, color, filled=row.state not in ("missing", "waiting"))
+        canvas.dot(1.2 * em, middle, 0.32 * em, color, filled=row.state not in (State.MISSING, State.WAITING))
         title = canvas.text(2.2 * em, middle - 0.62 * size, row.title, size, TEXT)
         room = width - 2.2 * em - title - 1.2 * em
         words = row.words
         if text_width(words, small) > room and "," in words:
             words = words.split(",")[0]
-        color = color if row.state in ("failed", "running", "stale", "partial") else DIM
+        color = color if row.state in (State.FAILED, State.RUNNING, State.STALE, State.PARTIAL) else DIM
         canvas.text(width - 0.6 * em, middle - 0.62 * small, words, small, color, align="right", width=room)
-        if row.state == "running":
+        if row.state == State.RUNNING:
             canvas.rect(2.2 * em, y + each - 4, width - 2.8 * em, 2, LINE)
             canvas.rect(2.2 * em, y + each - 4, (width - 2.8 * em) * min(max(row.fraction or 0.0, 0.0), 1.0), 2, ACCENT)
     for number in range(-1, 2):  # the edge that is dragged

@@ -9,7 +9,7 @@ import numpy as np
 
 from v3studio.gui.drawing.canvas import Canvas, line_height, text_width
 from v3studio.gui.drawing.labels import draw_labels
-from v3studio.gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT
+from v3studio.gui.drawing.palette import BAD, DIM, FAIR, GOOD, GROUND, HELD_OUT, LINE, RAISED, RGB, SECOND, TEXT, State
 from v3studio.gui.models.held_out import held_out_cameras, held_out_first
 from v3studio.gui.models.scene.contents import Cloud, Lines, SceneCamera, SceneContents, cloud, frustum_length
 from v3studio.gui.models.scene.orbit import OrbitCamera
@@ -133,7 +133,7 @@ class CalibrateView(OrbitView):
     def _initialized(self) -> bool:
         """Whether the surface is of these cameras."""
         status = self.workspace.assessment.stages.get("initialize")
-        return status is not None and status.state == "done"
+        return status is not None and status.state == State.DONE
 
     def _cover(self, take: Take) -> None:
         of = (self._read_of, self._covered_by())
