@@ -149,7 +149,7 @@ def heat_map(
 
 
 def _corner(box: Box, text: int) -> tuple[int, int]:
-    """Where the label in the upper left corner of an image begins."""
+    """The place of the label in the upper left corner of an image."""
     margin = round(0.57 * text)
     return box.x + margin, box.y + margin
 

@@ -28,7 +28,7 @@ class FootageSheet:
 
     @cached_property
     def cameras(self) -> dict[str, Box]:
-        """Where each camera is."""
+        """The box of each camera."""
         shapes = [image.shape[1] / image.shape[0] for image in self.found.thumbnails.values()]
         high = round((1 - FRAMES) * self.size[1] - GAP * self.em)
         places = boxes((self.size[0], high), max(len(self.uses), 1), max(shapes, default=1.0))
@@ -36,7 +36,7 @@ class FootageSheet:
 
     @cached_property
     def frames(self) -> dict[int, Box]:
-        """Where each frame of the strip is."""
+        """The box of each frame of the strip."""
         top = round((1 - FRAMES) * self.size[1])
         count = max(len(self.found.strip), 1)
         places = boxes((self.size[0], self.size[1] - top), count, 1e-3)  # in one row

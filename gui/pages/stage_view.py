@@ -36,7 +36,7 @@ class StageView:
         self.mode = self.modes[0] if self.modes else ViewMode.AS_FILMED
         self.em = 16.0
         self.frame = 0
-        # a camera's name and the corners, (N, 2) pixels of the image, of what shows it; those in front last
+        # name of a camera and outline of its image or frustum, (N, 2) pixels; those in front last
         self.places: list[tuple[str, np.ndarray]] = []
         self.camera = ""  # the marked camera; "" for none
         self._worker: LatestWorker[_Request, np.ndarray] = LatestWorker(self._work, f"v3studio {type(self).__name__}")

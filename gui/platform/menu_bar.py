@@ -1,4 +1,4 @@
-"""Which menu is open, by what the mouse did: the toolkit does not tell.
+"""The menu that is open, by what the mouse did: the toolkit does not tell.
 
 Its menus follow the pointer once one is open, and a click on the title of an open one closes it. So a click on the next
 title, which the pointer has just opened, would close that menu again: such clicks are not passed on. A click in

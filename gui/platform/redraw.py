@@ -10,7 +10,7 @@ AGAIN_SECONDS = (0.05, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 class Redraws:
-    """After `changed`, `due` is true at once and after each of `AGAIN_SECONDS`, at least `pause` seconds apart."""
+    """Draws that are `due` after `changed`: at once and after `AGAIN_SECONDS`, at least `pause` seconds apart."""
 
     def __init__(self) -> None:
         self.pause = 0.0  # least seconds between two draws: if the CPU draws the window, they compete with rendering

@@ -55,7 +55,7 @@ class CaptureView(StageView):
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """Which files were found, and how they are read."""
+        """The files that were found, and how they are read."""
         return [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
 
     def state(self) -> Hashable:

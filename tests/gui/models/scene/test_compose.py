@@ -11,7 +11,7 @@ BACKGROUND = (0.2, 0.4, 0.6)
 
 
 def fragments(*items: tuple[int, float, float, int]) -> np.ndarray:
-    """Of (pixel, depth, cover, gray)."""
+    """Fragments, each given as (pixel, depth, cover, gray)."""
     array = np.array(items, float).reshape(-1, 4)
     return made(*array[:, :3].T, array[:, 3:])
 

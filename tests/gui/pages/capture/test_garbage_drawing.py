@@ -46,7 +46,7 @@ def clicked(views: StageViews, points: tuple[tuple[float, float], ...], act: Cal
 
 
 def masks(take: Path) -> dict[str, np.ndarray]:
-    """As a run reads them."""
+    """The masks as a run reads them."""
     footage = Inputs(Take.open(take), load_config(take / "config.yaml")).raw_footage
     return {camera: footage.raw_mask(camera, 0) for camera in ("cam0", "cam1")}
 

@@ -152,7 +152,7 @@ def test_floaters_and_a_ground_plane_are_set(view: EditView) -> None:
 
 
 def ring(new: np.ndarray, old: np.ndarray) -> tuple[float, float, float]:
-    """Middle and radius of what differs, pixels."""
+    """The middle and the radius of the pixels that differ."""
     rows, columns = np.nonzero((new != old).any(axis=2))
     assert len(rows), "nothing differs"
     across, down = (columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2
