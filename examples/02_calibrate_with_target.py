@@ -11,7 +11,7 @@ import numpy as np
 
 import v3studio as v3
 
-TARGET = v3.CalibrationTarget(columns=8, rows=5, square=0.06, marker=0.045)
+TARGET = v3.calibration.CalibrationTarget(columns=8, rows=5, square=0.06, marker=0.045)
 WIDTH, HEIGHT = 640, 480
 K = np.array([[600.0, 0, WIDTH / 2], [0, 600.0, HEIGHT / 2], [0, 0, 1]])
 
@@ -64,16 +64,16 @@ def main() -> None:
         )
     )
     frames = range(12)
-    views, sizes = v3.detect_target(
+    views, sizes = v3.calibration.detect_target(
         {camera.name: (lambda frame, camera=camera: photograph(camera, frame)) for camera in truth},
         dict.fromkeys(truth.names, frames),
         TARGET,
     )
     print(f"The board was found in {len(views)} of {len(frames) * len(truth)} images.")
 
-    result = v3.calibrate_from_target(TARGET, views, sizes)
+    result = v3.calibration.calibrate_from_target(TARGET, views, sizes)
 
-    aligned = v3.align_rigs(result.rig, truth).rig(result.rig)
+    aligned = v3.calibration.align_rigs(result.rig, truth).rig(result.rig)
     for camera in truth:
         distance = np.linalg.norm(aligned[camera.name].center - camera.center)
         print(f"{camera.name}: center {1000 * distance:.2f} mm off, fx {result.rig[camera.name].fx:.1f} px")

@@ -48,7 +48,7 @@ def main() -> None:
         "initialize.resolution": 64,
     }
     take = v3.Take.create(folder)
-    v3.run(take, v3.load_config(None, settings.items()), lambda event: None, stages=("calibrate", "initialize"))
+    v3.run(take, settings, stages=("calibrate", "initialize"))
 
     capture = v3.load_config(take.config).capture  # as any other program finds it
     footage = v3.open_footage(capture, v3.read_rig(take.rig))

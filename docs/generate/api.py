@@ -5,6 +5,8 @@ from pathlib import Path
 
 MODULES = {
     "v3studio": "The public interface",
+    "v3studio.stream": "Streams, group by group",
+    "v3studio.calibration": "Boards and marked points",
     "v3studio.studio.gaussians": "Gaussians",
     "v3studio.studio.cameras": "Cameras",
     "v3studio.studio.capture": "Files of a capture",
@@ -22,7 +24,20 @@ MODULES = {
     "v3studio.studio.errors": "Errors",
 }
 
+QUICK_START = """import v3studio as v3
+
+take = v3.Take.create("my-take")
+figures = v3.run(take, {"capture.root": "footage", "bake.quality": 24}, on_event=print)
+print(figures["evaluate"]["psnr_decoded"], "dB")
+with v3.StreamReader.open(take.stream) as reader:
+    splats, camera = reader.gaussians(0), v3.read_rig(take.rig)["cam0"].undistorted()
+    print(v3.rasterize(splats, camera).image.shape)
+v3.share(take, "site")
+"""
+
 INTRODUCTION = """# Python API
+
+{quick_start}
 
 {promise}
 
@@ -32,9 +47,9 @@ quaternions with w first, images as (H, W, C).
 
 """
 PROMISE_PUBLIC = """The package `v3studio` is the public interface for scripts: it is versioned, and the changelog lists
-every change. The packages under `studio` are the library behind it. Use them if you need more, but they may change
-between versions."""
-PROMISE_LIBRARY = "The packages under `studio` are the library. They may change between versions."
+every change. The packages under `v3studio.studio` are the library behind it. Use them if you need more, but they may
+change between versions."""
+PROMISE_LIBRARY = "The packages under `v3studio.studio` are the library. They may change between versions."
 
 
 def api_pages(root: Path) -> dict[str, str]:
@@ -42,7 +57,7 @@ def api_pages(root: Path) -> dict[str, str]:
     modules = {name: title for name, title in MODULES.items() if _file(root, name) is not None}
     promise = PROMISE_PUBLIC if "v3studio" in modules else PROMISE_LIBRARY
     rows = "".join(f"- [`{name}`]({name}.md): {title}\n" for name, title in modules.items())
-    pages = {"index.md": INTRODUCTION.format(promise=promise) + rows}
+    pages = {"index.md": INTRODUCTION.format(quick_start=f"```python\n{QUICK_START}```", promise=promise) + rows}
     for name, title in modules.items():
         pages[f"{name}.md"] = f"# {title}\n\n::: {name}\n{_members(root, name)}"
     return pages
@@ -57,8 +72,9 @@ def _members(root: Path, name: str) -> str:
 
 
 def _file(root: Path, name: str) -> Path | None:
-    path = root.joinpath(*(name.removeprefix("v3studio.") if "." in name else name).split("."))
-    files = (path / "__init__.py", path.with_suffix(".py"))
+    whole = root.joinpath(*name.split("."))
+    inside = root.joinpath(*name.split(".")[1:])  # its packages lie beside the folder v3studio
+    files = (file for path in (whole, inside) for file in (path / "__init__.py", path.with_suffix(".py")))
     return next((file for file in files if file.is_file()), None)
 
 

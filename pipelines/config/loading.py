@@ -50,6 +50,11 @@ def _is_text(field: FieldInfo | None) -> bool:
 def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = ()) -> Config:
     """Settings of a YAML file (None: the defaults) with (dotted name, value) overrides, of which later ones win.
 
+    Example:
+        >>> config = v3.load_config("my-take/config.yaml", {"bake.quality": 24}.items())
+        >>> config.bake.quality, config.capture.fps
+        (24, 25.0)
+
     A relative `capture.root` is relative to the file's folder, in an override to the working directory. StudioError if
     the file cannot be read (see `read_yaml`), a setting is unknown (`settings.unknown`) or invalid
     (`settings.invalid`).

@@ -5,8 +5,9 @@ import os
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from v3studio.pipelines.config import Config
+from v3studio.pipelines.config import Config, load_config
 from v3studio.pipelines.events import (
     Emit,
     Log,
@@ -43,28 +44,35 @@ _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
 
 
-def status(take: Take, config: Config) -> dict[str, StageStatus]:
-    """The status of each stage under these settings, in order."""
-    return assess_all(STAGES, Inputs(take, config))
+def status(take: Take, settings: Config | Mapping[str, Any]) -> dict[str, StageStatus]:
+    """The status of each stage under these settings (as for `run`), in order."""
+    return assess_all(STAGES, Inputs(take, _config(settings)))
 
 
 def run(
     take: Take,
-    config: Config,
-    emit: Emit,
+    settings: Config | Mapping[str, Any],
+    on_event: Emit = lambda event: None,
     *,
     stages: str | Iterable[str] = STAGE_NAMES,
     force: bool = False,
     cancellation: Cancellation | None = None,
     command: str = "v3studio run",
     keep: str | None = None,
-) -> None:
+) -> Mapping[str, JsonData]:
     """Run the stages of a take that are not up to date.
+
+    Example:
+        >>> take = v3.Take.create("new-take")
+        >>> figures = v3.run(take, {"capture.root": "footage", "initialize.points": 500}, stages="calibrate")
+        >>> list(figures), v3.status(take, v3.load_config(take.config))["calibrate"].state
+        (['calibrate'], 'done')
 
     Args:
         take: the take; locked during the run.
-        config: all settings; written to the take's config.yaml.
-        emit: receives the events; the last is always `Finished`.
+        settings: all settings, or values by dotted name of those that differ from the defaults; written to the take's
+            config.yaml.
+        on_event: receives the events; the last is always `Finished`.
         stages: a name or several. Stages that they depend on must be up to date or among them.
         force: run them from scratch even if they are up to date. Each earlier result stays until its new one is
             complete.
@@ -72,25 +80,29 @@ def run(
         command: recorded in the lock, for the error that a second run gets.
         keep: name under which the stream is kept at the end, before anything else can change it; None: it is not.
 
+    Returns:
+        The main figures of each stage that ran or was up to date, by its name, as in its record in the take.
+
     Raises:
-        StudioError: bad input, a second run (`take.locked`), a full disk (`take.disk_full`), a name in `stages` that is
-            not a stage's (`stage.unknown`), a stage that is not up to date and not among them (`stage.dependency`), the
-            stream cannot be kept (`bakes.*`).
+        StudioError: bad input or settings, a second run (`take.locked`), a full disk (`take.disk_full`), a name in
+            `stages` that is not a stage's (`stage.unknown`), a stage that is not up to date and not among them
+            (`stage.dependency`), the stream cannot be kept (`bakes.*`).
         Cancelled: the run was cancelled.
     """
     cancellation = cancellation or Cancellation()
-    report: Emit = emit
+    config = _config(settings)
+    report: Emit = on_event
     verified = set[str]()
     notices: list[Message] = []
     with (
-        finishing(lambda: report, cancellation, "Run again to resume.", lambda: result_of(take, verified)) as clock,
+        finishing(lambda: report, cancellation, "Run again to resume.", lambda: _result(take, verified)) as clock,
         disk_errors(take.root),
         take.locked(command, notices.append),
         cancelled_on_request(take, cancellation.cancel),
     ):
         names = _known(stages)
         write_text(take.log, "")
-        report = EventLog(take.log, 2.0, emit)
+        report = EventLog(take.log, 2.0, on_event)
         for notice in notices:
             report(Warned.of(notice))
         if keep is not None:
@@ -101,11 +113,21 @@ def run(
         if keep is not None:
             kept = keep_bake(take, keep)
             report(Log(stage="bake", message=f"kept as '{kept.name}'"))
+    return _figures(take, verified)
 
 
-def result_of(take: Take, verified: Collection[str]) -> Mapping[str, JsonData]:
-    """The result of a run for programs: the take, and the main figures of the stages that it ran or found up to date.
-    Those that finished before a stage that they depend on, such as an evaluation of an earlier bake, are left out."""
+def _config(settings: Config | Mapping[str, Any]) -> Config:
+    return settings if isinstance(settings, Config) else load_config(None, settings.items())
+
+
+def _result(take: Take, verified: Collection[str]) -> Mapping[str, JsonData]:
+    """The result of a run for programs."""
+    return {"take": str(take.root), "stages": _figures(take, verified)}
+
+
+def _figures(take: Take, verified: Collection[str]) -> dict[str, JsonData]:
+    """The main figures of the stages that a run ran or found up to date. Stages that finished before a stage that they
+    depend on, such as an evaluation of an earlier bake, are left out."""
     current: dict[str, StageRecord] = {}
     for name in STAGE_NAMES:
         record = read_record(take, name) if name in verified else None
@@ -114,7 +136,7 @@ def result_of(take: Take, verified: Collection[str]) -> Mapping[str, JsonData]:
             for needed in stage_named(name).dependencies
         ):
             current[name] = record
-    return {"take": str(take.root), "stages": {name: record.summary for name, record in current.items()}}
+    return {name: record.summary for name, record in current.items()}
 
 
 def _known(stages: str | Iterable[str]) -> list[str]:

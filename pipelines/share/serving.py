@@ -137,9 +137,9 @@ def serve(
     """Serve a stream, the stream of a take, or all streams and takes in a folder, and the page that plays them.
 
     Example:
-        with v3studio.serve("my-take") as serving:
-            print(serving.address)
-            input("Press Enter to stop.")
+        >>> with v3.serve("my-take") as serving, v3.StreamReader.open(serving.address) as reader:
+        ...     reader.frame_count
+        5
 
     Args:
         folder: of a stream or a take, or a folder of several.

@@ -98,7 +98,9 @@ def share(
     All names in the folder are relative, so that it works below any path.
 
     Example:
-        v3studio.share("my-take", "site", v3studio.PageText(title="Walk", license="CC BY 4.0"))
+        >>> shared = v3.share("my-take", "site", v3.PageText(title="Walk", license="CC BY 4.0"))
+        >>> shared.form, (shared.path / "index.html").is_file()
+        ('folder', True)
 
     Args:
         source: folder of a take or a stream, or a URL; or the JSON document of a cast (`pipelines.share.cast`).

@@ -174,6 +174,11 @@ def _with_usual_names(folder: Path, is_spare: bool) -> list[Path]:
 def read_rig(path: Path | str) -> Rig:
     """Read cameras; the format is detected from the file's name and content.
 
+    Example:
+        >>> rig = v3.read_rig("footage/cameras.json")
+        >>> rig.names[:2], rig["cam0"].width, rig.centers.shape
+        (('cam0', 'cam1'), 64, (6, 3))
+
     Args:
         path: a file in a format of docs/reference/files.md; a folder with exactly one of these, with a COLMAP model,
             with *_cam.txt (MVSNet), or with one folder per frame (VideoGS); or a pattern with {camera} of OpenCV's XML

@@ -26,6 +26,13 @@ def evaluate(
 ) -> dict[str, dict[str, float]]:
     """Measure splats on a frame, as the stage evaluate does: in the box around the performer.
 
+    Example:
+        >>> take = v3.Take.open("my-take")
+        >>> footage = v3.open_footage(v3.load_config(take.config).capture, v3.read_rig(take.rig))
+        >>> figures = v3.evaluate(v3.trained_video(take).read(0), footage, footage.frames[0])
+        >>> sorted(figures), figures["cam4"]["psnr"] > 15
+        (['cam4'], True)
+
     Args:
         gaussians: the splats of the frame.
         footage: opened with a rig, in the world of the splats.

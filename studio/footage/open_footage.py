@@ -44,6 +44,12 @@ def open_footage(
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
+    Example:
+        >>> footage = v3.open_footage(v3.CaptureSettings(root="footage"), v3.read_rig("footage"))
+        >>> view = footage.view("cam0", footage.frames[0])
+        >>> len(footage.frames), footage.camera_names[:2], view.image.shape, view.mask.shape
+        (5, ('cam0', 'cam1'), (48, 64, 3), (48, 64))
+
     Args:
         spec: where the capture is and how to read it. Of a capture in object storage, the files are listed here, and
             read when their frames are.

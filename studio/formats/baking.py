@@ -31,6 +31,12 @@ def bake_video(
 ) -> Manifest:
     """Bake all frames to a stream. The folder appears only when it is complete.
 
+    Example:
+        >>> video = v3.trained_video("my-take")
+        >>> manifest = v3.bake_video(video, "smaller", v3.BakeSettings(quality=30))
+        >>> manifest.frame_count, manifest.total_bytes < 100_000
+        (5, True)
+
     Args:
         video: the frames; its groups are kept, but split if they are longer than `group_size`.
         folder: must not exist.

@@ -158,6 +158,13 @@ def open_import(place: Path | str, fps: float | None = None, progress: ProgressF
     """Open the VideoGS layout, a USD file, a folder of splat files of one format (see `studio.formats`), or one such
     file.
 
+    Example:
+        >>> splats = v3.trained_video("my-take").read(0)
+        >>> v3.write_splats(splats, "frame.ply")
+        >>> video = v3.open_import("frame.ply", fps=30)
+        >>> video.frame_count, len(video.read(0)) == len(splats)
+        (1, True)
+
     A new group starts where the number or the order of the splats changes. Splats that cannot be rendered in a frame
     are dropped from its whole group; the video's notes say what was ignored, dropped or moved. `fps` None: that of a
     USD file, otherwise `DEFAULT_FPS`, as the others store none. StudioError if the input has none of these formats or

@@ -4,13 +4,16 @@ import functools
 import importlib.util
 import os
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, overload
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import StudioError
-from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.gaussians import SH_C0, Gaussians
 from v3studio.studio.rasterizer.reference import rasterize_reference
 from v3studio.studio.rasterizer.types import Render, check_pinhole
 
@@ -104,6 +107,7 @@ def _check_alike(argument: str, tensor: Tensor, means: Tensor) -> None:
         raise StudioError("rasterizer.mixed_tensors", problem, fix=fix, argument=argument)
 
 
+@overload
 def rasterize(
     gaussians: Gaussians,
     camera: Camera,
@@ -112,8 +116,44 @@ def rasterize(
     backend: str = "auto",
     screen_offsets: Tensor | None = None,
     checked: bool = False,
-) -> Render:
+) -> Render: ...
+
+
+@overload
+def rasterize(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    *,
+    sh_degree: int | None = None,
+    backgrounds: Tensor | None = None,
+    backend: str = "auto",
+) -> Render: ...
+
+
+def rasterize(*splats_and_views: Any, **options: Any) -> Render:
     """Render splats from a camera; differentiable with respect to all attributes (3DGS, sections 4 and 6).
+
+    Example:
+        >>> splats = v3.trained_video("my-take").read(0)
+        >>> camera = v3.orbit(splats.means.mean(dim=0), 3.0, 1, width=64, height=48)["orbit000"]
+        >>> render = v3.rasterize(splats, camera)
+        >>> render.image.shape, bool(render.alpha.max() > 0.5)
+        (torch.Size([48, 64, 3]), True)
+
+    It also takes plain tensors, named and shaped as those of gsplat's `rasterization`, with C cameras. The tensors of
+    the `Render` then begin with a dimension for the cameras.
+
+        >>> pose, K = torch.tensor(camera.world_to_camera)[None].float(), torch.tensor(camera.K)[None].float()
+        >>> activated = splats.means, splats.quats, splats.scales, splats.opacities, splats.sh
+        >>> v3.rasterize(*activated, pose, K, 64, 48, sh_degree=splats.sh_degree).image.shape
+        torch.Size([1, 48, 64, 3])
 
     Args:
         gaussians: N splats, N may be 0, rendered with their own dilation.
@@ -124,6 +164,13 @@ def rasterize(
         screen_offsets: (N, 2) offsets in pixels, added to the 2D means. Pass zeros that require a gradient to get the
             screen-space gradient (loss per pixel), which densification uses.
         checked: raise an error for non-finite values. Otherwise, splats with such values are not drawn.
+        means, quats, scales, opacities: (N, 3), (N, 4) wxyz, (N, 3) and (N,); scales and opacities as they are drawn,
+            not logarithms and logits.
+        colors: (N, 3) RGB of at least 0, or (N, K, 3) spherical harmonics with `sh_degree`, of which higher ones are
+            not used.
+        viewmats, Ks: (C, 4, 4) world to camera and (C, 3, 3) intrinsics, not differentiable.
+        width, height: of the images, pixels.
+        backgrounds: (C, 3) RGB; None: black.
 
     Returns:
         The `Render`, with the device and dtype of the splats.
@@ -132,15 +179,45 @@ def rasterize(
         StudioError: `camera.distortion`, `camera.skew`: not a pinhole camera; `rasterizer.*`: a shape, device, dtype or
             argument is invalid, or the backend is not available here; with `checked`, as `check_finite`.
     """
-    (render,) = rasterize_views(
-        gaussians,
-        [camera],
-        [background],
-        backend=backend,
-        screen_offsets=screen_offsets,
-        checked=checked,
-    )
+    if "means" in options or (splats_and_views and isinstance(splats_and_views[0], Tensor)):
+        return _rasterize_tensors(*splats_and_views, **options)
+    return _rasterize(*splats_and_views, **options)
+
+
+def _rasterize(gaussians: Gaussians, camera: Camera, background: Tensor | None = None, **options: Any) -> Render:
+    (render,) = rasterize_views(gaussians, [camera], [background], **options)
     return render
+
+
+def _rasterize_tensors(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    *,
+    sh_degree: int | None = None,
+    backgrounds: Tensor | None = None,
+    backend: str = "auto",
+) -> Render:
+    sh = (colors[:, None] - 0.5) / SH_C0 if sh_degree is None else colors[:, : (sh_degree + 1) ** 2]
+    cameras = [
+        Camera(name=f"view {number}", width=width, height=height, K=K, world_to_camera=pose)
+        for number, (K, pose) in enumerate(zip(_doubles(Ks), _doubles(viewmats), strict=True))
+    ]
+    behind = [None] * len(cameras) if backgrounds is None else list(backgrounds)
+    splats = Gaussians.from_activated(means, quats, scales, opacities, sh)
+    renders = rasterize_views(splats, cameras, behind, backend=backend)
+    stacked = {field.name: torch.stack([getattr(render, field.name) for render in renders]) for field in fields(Render)}
+    return Render(**stacked)
+
+
+def _doubles(tensor: Tensor) -> np.ndarray:
+    return np.asarray(tensor.detach().cpu(), np.float64)
 
 
 def rasterize_views(

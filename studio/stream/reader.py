@@ -73,9 +73,20 @@ class StreamReader:
 
     @classmethod
     def open(cls, source: Path | str | Source) -> StreamReader:
-        """Read and validate the manifest of a stream: folder, file of a one-file stream, http(s) URL, or a `Source`
-        (which `close` leaves open). StudioError: the manifest is missing, damaged, out of bounds or of another
-        version."""
+        """Read and validate the manifest of a stream.
+
+        Example:
+            >>> with v3.StreamReader.open("my-take/stream") as reader:
+            ...     splats = reader.gaussians(0)
+            >>> reader.frame_count, reader.fps, splats.means.shape[1]
+            (5, 25.0, 3)
+
+        Args:
+            source: folder, file of a one-file stream, http(s) URL, or a `Source`, which `close` leaves open.
+
+        Raises:
+            StudioError: the manifest is missing, damaged, out of bounds or of another version.
+        """
         opened = open_source(source)
         try:
             reader = cls(opened, opened.read(MANIFEST_NAME, MAX_MANIFEST_BYTES))

@@ -1,14 +1,23 @@
 """The public interface that scripts may rely on."""
 
+import doctest
 import inspect
+import operator
+import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 import v3studio
+from tests.support.errors import refuses
 from tests.support.warm_python import warm_python
+from tests.support.web_servers import PLAYER
+from v3studio.pipelines.config.config import values_of
+from v3studio.pipelines.share import serving, sharing
 
 pytestmark = pytest.mark.long
 
@@ -43,6 +52,60 @@ def test_importing_it_is_light_and_leaves_the_environment_alone() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
+
+
+FIRST = (
+    "run", "load_config", "trained_video", "read_evaluation", "open_footage", "read_rig", "rasterize", "evaluate",
+    "open_import", "bake_video", "StreamReader.open", "share", "serve",
+)  # fmt: skip
+"""What scripts call first."""
+
+
+@pytest.fixture
+def workplace(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the take and the footage that examples name."""
+    shutil.copytree(finished / "take", tmp_path / "my-take")
+    shutil.copytree(finished / "capture", tmp_path / "footage")
+    monkeypatch.chdir(tmp_path)
+    config = (finished / "ball.yaml").read_text().replace("root: capture", f"root: {tmp_path / 'footage'}")
+    (tmp_path / "my-take" / "config.yaml").write_text(config)
+    monkeypatch.setattr(sharing, "read_player", lambda: PLAYER)
+    monkeypatch.setattr(serving, "read_player", lambda: PLAYER)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_examples_in_docstrings_are_right(name: str, workplace: Path) -> None:
+    documented = operator.attrgetter(name)(v3studio)
+    parser, runner = doctest.DocTestParser(), doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    names = {"v3": v3studio, "torch": torch}
+    test = parser.get_doctest(inspect.getdoc(documented) or "", names, name, None, None)
+    said: list[str] = []
+    runner.run(test, out=said.append)
+    assert runner.summarize(verbose=False) == (0, len(test.examples)), "".join(said)
+    assert test.examples
+
+
+def test_the_quick_start_is_right(workplace: Path) -> None:
+    code: str = runpy.run_path(str(ROOT / "docs" / "generate" / "api.py"))["QUICK_START"]
+    assert len(code.splitlines()) <= 10
+    few = values_of(v3studio.load_config("my-take/config.yaml"))
+    short = {name: few[name] for name in few if name.split(".")[0] in ("initialize", "train", "run")}
+    smaller = code.replace('"footage", ', '"footage", **short, ').replace('"my-take"', '"new-take"')
+    exec(smaller, {"short": short})
+    assert (workplace / "site" / "index.html").is_file()
+
+
+def test_settings_of_a_run_may_be_plain(workplace: Path) -> None:
+    take = v3studio.Take.create("new-take")
+    events: list[v3studio.Event] = []
+    figures = v3studio.run(take, {"capture.root": "footage", "capture.fps": 12}, events.append, stages=["calibrate"])
+    assert list(figures) == ["calibrate"]
+    assert isinstance(events[-1], v3studio.Finished)
+    assert events[-1].result["stages"] == figures
+    assert v3studio.load_config(take.config).capture.fps == 12
+    with refuses("settings.unknown"):
+        v3studio.run(take, {"capture.fpss": 12})
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)

@@ -138,9 +138,15 @@ class Evaluation(Result):
         return tuple(metric for metric in EVALUATED if f"{metric.name}_decoded" in self.summary.measures)
 
 
-def read_evaluation(path: Path) -> Evaluation:
-    """Read evaluation.json. Raises StudioError: `take.file_not_found` or `take.damaged`."""
-    return read_model(path, Evaluation)
+def read_evaluation(path: Path | str) -> Evaluation:
+    """Read evaluation.json. Raises StudioError: `take.file_not_found` or `take.damaged`.
+
+    Example:
+        >>> evaluation = v3.read_evaluation(v3.Take.open("my-take").evaluation)
+        >>> evaluation.summary.psnr_decoded > 15, [row.frame for row in evaluation.frames]
+        (True, [0, 1, 2, 3, 4])
+    """
+    return read_model(Path(path), Evaluation)
 
 
 def measured_earlier_bake(take: Take) -> bool:

@@ -32,9 +32,17 @@ def is_take(text: str) -> bool:
 
 
 def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
-    """Trained frames of a take, up to the first missing one, with the take's edits. StudioError: not a take (see
-    `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read (`take.edits_*`), or none of the
-    trained frames is within the trim (`edits.no_frames_left`)."""
+    """Trained frames of a take, up to the first missing one, with the take's edits.
+
+    Example:
+        >>> video = v3.trained_video("my-take")
+        >>> video.frame_count, video.fps, video.read(0).means.shape[1]
+        (5, 25.0, 3)
+
+    Raises:
+        StudioError: not a take (see `Take.open`), no trained frames (`take.not_trained`), the edits cannot be read
+            (`take.edits_*`), or none of the trained frames is within the trim (`edits.no_frames_left`).
+    """
     from v3studio.pipelines.takes.frames.edited import EditedGroup
     from v3studio.studio.edits.edit_list import UP
     from v3studio.studio.splat_video import SplatVideo

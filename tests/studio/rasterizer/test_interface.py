@@ -35,6 +35,31 @@ def test_mixed_and_unusable_dtypes() -> None:
         rasterize(splats.to(torch.float16), make_camera())
 
 
+def test_plain_tensors_are_rendered_from_several_cameras_as_their_splats() -> None:
+    """Arguments are those of gsplat's `rasterization`; colors are RGB, or spherical harmonics of a degree."""
+    splats, cameras = make_splats(40, degree=2), [make_camera(turn=turn) for turn in (0.3, -0.4)]
+    poses = torch.tensor(np.stack([camera.world_to_camera for camera in cameras]))
+    views = (poses, torch.tensor(np.stack([camera.K for camera in cameras])), 75, 49)
+    backgrounds = torch.tensor([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], dtype=torch.float64)
+    means = splats.means.clone().requires_grad_()
+    shapes = (means, splats.quats, splats.scales, splats.opacities)
+    for degree in (0, 1):
+        cut = splats.with_sh_degree(degree)
+        colors = 0.5 + 0.28209479177387814 * splats.sh[:, 0] if degree == 0 else splats.sh
+        given = {} if degree == 0 else {"sh_degree": degree}
+        found = rasterize(*shapes, colors, *views, backgrounds=backgrounds, **given)
+        renders = [rasterize(cut, camera, color) for camera, color in zip(cameras, backgrounds, strict=True)]
+        for name in ("image", "alpha", "depth", "radii"):
+            wanted = torch.stack([getattr(render, name) for render in renders])
+            torch.testing.assert_close(getattr(found, name), wanted, atol=1e-5, rtol=1e-5)
+    found.image.sum().backward()
+    assert means.grad is not None
+    assert means.grad.abs().sum() > 0
+    with refuses("gaussians.wrong_shape", attribute="quats"):
+        rasterize(means=means, quats=splats.means, scales=splats.scales, opacities=splats.opacities, colors=splats.sh,
+                  viewmats=views[0], Ks=views[1], width=75, height=49, sh_degree=2)  # fmt: skip
+
+
 def test_a_camera_that_is_no_pinhole() -> None:
     K = np.array([[50.0, 0, 20], [0, 50, 20], [0, 0, 1]])
     bent = Camera("bent", 40, 40, K, np.eye(4), np.array([0.1, 0, 0, 0]))
