@@ -6,6 +6,7 @@ one is `Finished`, with the outcome, the result and, if it failed, the error's c
 """
 
 import argparse
+import logging
 import os
 import sys
 import time
@@ -87,7 +88,10 @@ def execute(arguments: Sequence[str]) -> int:
         raise
     as_json = bool(getattr(known, "json", False))
     known.result = {}
-    with _json_output() if as_json else nullcontext(sys.stdout) as output:
+    with (
+        _json_output() if as_json else nullcontext(sys.stdout) as output,
+        _log_lines() if getattr(known, "verbose", False) else nullcontext(),
+    ):
         known.emit = JsonLines(output)
         try:
             code, message = _run(known)
@@ -174,6 +178,20 @@ def _json_output() -> Iterator[TextIO]:
                 output.flush()
 
 
+@contextmanager
+def _log_lines() -> Iterator[None]:
+    """Standard error shows what the packages log."""
+    log, lines = logging.getLogger("v3studio"), logging.StreamHandler()
+    lines.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+    log.addHandler(lines)
+    log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        log.setLevel(logging.NOTSET)
+        log.removeHandler(lines)
+
+
 def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     """The parser, and those of the commands by name."""
     from v3studio.pipelines.version import program_version
@@ -188,7 +206,7 @@ def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     completion.register(commands, parser)
     for name, command in commands.choices.items():
         if name != "open":  # becomes another program
-            _add_json(command)
+            _add_common(command)
     summaries = {action.dest: action.help for action in commands._choices_actions}
     groups = [
         [f"{title}:", *(f"    {name:<12} {summaries[name]}" for name in names)] for title, names in GROUPS.items()
@@ -197,14 +215,16 @@ def make_parser() -> tuple[CommandParser, dict[str, CommandParser]]:
     return parser, dict(commands.choices)
 
 
-def _add_json(command: argparse.ArgumentParser) -> None:
-    """Add `--json` to a command, or to each of the commands in it."""
+def _add_common(command: argparse.ArgumentParser) -> None:
+    """Add what all commands take to a command, or to each of the commands in it."""
     for action in command._actions:
         if isinstance(action, argparse._SubParsersAction):
             for kind in action.choices.values():
-                _add_json(kind)
+                _add_common(kind)
             return
     command.add_argument("--json", action="store_true", help="print events as JSON lines; the last one has the result")
+    text = "say on standard error when stages, child processes and calls of libraries begin and end"
+    command.add_argument("--verbose", action="store_true", help=text)
 
 
 if __name__ == "__main__":

@@ -19,14 +19,19 @@ import contextlib
 import ctypes
 import fcntl
 import io
+import logging
 import os
 import platform
+import shlex
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn, TextIO
+
+_LOG = logging.getLogger(__name__)
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3), from malloc.h
 _MOST_POOLED, _MOST_KEPT = 2**25, 2**28
@@ -43,7 +48,23 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Start a program, with further environment variables and the options of `subprocess.Popen`. No Python program
     imports anything from its working folder, nor does one that a library of this program starts."""
-    return subprocess.Popen(command, env={**_environment(), **(variables or {})}, **options)
+    process = subprocess.Popen(command, env={**_environment(), **(variables or {})}, **options)
+    _LOG.debug("process %d started: %s", process.pid, shlex.join(command))
+    return process
+
+
+@contextlib.contextmanager
+def logged(log: logging.Logger, what: str) -> Iterator[None]:
+    """Log that a block begins and that it ends, after how many seconds: of a call that never returns, only the first
+    line appears. `v3studio COMMAND --verbose` shows these lines."""
+    began = time.monotonic()
+    log.debug("%s: begins", what)
+    try:
+        yield
+    except BaseException as error:
+        log.debug("%s: %s after %.1f s", what, type(error).__name__, time.monotonic() - began)
+        raise
+    log.debug("%s: ended after %.1f s", what, time.monotonic() - began)
 
 
 def become(command: Sequence[str]) -> NoReturn:

@@ -9,8 +9,9 @@ from generate.markdown import code, escaped, table
 
 INTRODUCTION = """# Commands
 
-All commands take `--help`. Commands with the option `--set` also take any [setting](settings.md) as
-`--SECTION.NAME VALUE`. With `--json`, which all but `open` take, they print [events](events.md).
+All commands take `--help`. Commands with the option `--set` also take any [setting](settings.md) as `--SECTION.NAME
+VALUE`. All but `open` take `--json`, with which they print [events](events.md), and `--verbose`, which says on standard
+error what they are waiting for: when stages, child processes and calls of libraries begin and end.
 
 Exit codes: 0 for success, 1 for a failure or bad input, 2 for wrong usage, 130 if stopped. A failure is one sentence on
 standard error.

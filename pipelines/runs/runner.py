@@ -1,6 +1,7 @@
 """Runs the stages of a take that are not up to date, and reports events."""
 
 import contextlib
+import logging
 import os
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -39,6 +40,9 @@ from v3studio.pipelines.version import program_version
 from v3studio.studio.atomic_files import remove, write_text
 from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
 from v3studio.studio.json_types import JsonData
+from v3studio.studio.process import logged
+
+_LOG = logging.getLogger(__name__)
 
 _CHECKED = ("calibrate", "initialize")
 """Stages whose results are compared with their record before use; frames and streams are checked as they are read."""
@@ -237,7 +241,7 @@ class _Run:
         if self.force:
             remove(take.work(stage.name))
         try:
-            with disk_errors(take.root), memory_errors(stage.name):
+            with logged(_LOG, f"stage {stage.name} of {take.root}"), disk_errors(take.root), memory_errors(stage.name):
                 summary = stage.code.run(inputs, reporter, executor)
                 self.cancellation.check()
                 seconds = self.clock() - started

@@ -1,6 +1,7 @@
 """Matting models: ONNX files, run by onnxruntime, and TensorFlow Lite files (.tflite), run by OpenCV."""
 
 import importlib.util
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,10 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.filters import keep_components
 from v3studio.studio.masks.mask_cache import cached_mask
 from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.process import logged
 from v3studio.studio.storage import whole_files
+
+_LOG = logging.getLogger(__name__)
 
 STRIDE = 32  # image sides must be multiples of this: networks downsample up to five times by 2
 _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -90,7 +94,8 @@ class MattingModel:
         size = input_size(self.kind.side, self._loaded.fixed, width, height)
         given = preprocess(image, size, self.kind)
         try:
-            outputs = self._loaded.run(given)
+            with logged(_LOG, "the matting model"):
+                outputs = self._loaded.run(given)
         except Exception as error:  # onnxruntime's errors have no common base class
             problem = f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})"
             fix, setting = "Check the kind in capture.mask_model.", "capture.mask_model"

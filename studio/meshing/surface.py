@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,9 @@ from v3studio.studio.cameras import Camera
 from v3studio.studio.counts import short_repr
 from v3studio.studio.errors import StudioError
 from v3studio.studio.meshing.hull import Hull
+from v3studio.studio.process import logged
+
+_LOG = logging.getLogger(__name__)
 
 _FILTERS = threading.Lock()
 
@@ -149,7 +153,7 @@ def refined(mesh: Mesh, max_faces: int) -> Mesh:
 
     import pymeshlab
 
-    with _FILTERS:
+    with _FILTERS, logged(_LOG, f"PyMeshLab's filters of {len(mesh.faces)} faces"):
         meshes = pymeshlab.MeshSet()
         meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
         meshes.apply_coord_taubin_smoothing(stepsmoothnum=10)

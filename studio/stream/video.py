@@ -5,6 +5,7 @@ PyAV is imported where it is used, which keeps importing the package fast.
 
 import contextlib
 import io
+import logging
 import os
 import threading
 from collections.abc import Iterator, Sequence
@@ -16,13 +17,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from v3studio.studio.errors import StudioError
-from v3studio.studio.process import kept_scheduling
+from v3studio.studio.process import kept_scheduling, logged
 from v3studio.studio.stream.codecs import CODECS, PLANE_CODEC
 from v3studio.studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
     import av
     from av.container import InputContainer
+
+_LOG = logging.getLogger(__name__)
 
 NOMINAL_FPS = 30
 """Rate written into the MP4s, without meaning: image k is frame k of the group, and the manifest has the rate."""
@@ -97,6 +100,7 @@ class PlaneEncoder:
         values = {"qp": codec.own_qp(qp), "preset": codec.own_preset(preset)}
         values["b"] = f"{b_frames}{_B_FRAMES}" if b_frames > 0 else "0"
         context.options = {name: text.format_map(values) for name, text in options.items()}
+        _LOG.debug("FFmpeg's %s encoder of %s: %dx%d, %s", codec.encoder, path, *size, context.options)
         self._stream = stream
         self._picture = av.VideoFrame(*size, "yuv420p")
         for plane in self._picture.planes[1:]:
@@ -115,9 +119,10 @@ class PlaneEncoder:
             self._out.mux(packet)
 
     def close(self) -> None:
-        for packet in self._stream.encode():
-            self._out.mux(packet)
-        self._out.close()
+        with logged(_LOG, f"FFmpeg's last images of {self._out.name}"):
+            for packet in self._stream.encode():
+                self._out.mux(packet)
+            self._out.close()
 
     def abandon(self) -> None:
         """Close the file after an error; its content is undefined."""

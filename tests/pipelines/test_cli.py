@@ -1,9 +1,13 @@
+import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from tests.support.tiny_capture import Done
 from v3studio.pipelines.cli import make_parser
 from v3studio.pipelines.events import StageFailed
 from v3studio.pipelines.stages import STAGE_NAMES
@@ -98,6 +102,18 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
     assert "cam3" in events[-1].message
     assert events[-1].code.startswith("footage.")
     assert all("Traceback" not in event.traceback for event in events if isinstance(event, StageFailed))
+
+
+def test_verbose_says_on_standard_error_what_is_waited_for(here: Callable[..., Done], project: Path) -> None:
+    options = ("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize")
+    loud = here(*options, "--verbose", "--json").ok()
+    assert [event.kind for event in loud.events][-1] == "finished"
+    lines = [re.sub(r"^[-0-9]+ [0-9:,]+ ", "", line) for line in loud.stderr.splitlines()]
+    for name in ("pipelines.runs.runner: stage calibrate", "studio.meshing.surface: PyMeshLab"):
+        told = [line for line in lines if line.startswith(f"v3studio.{name}")]
+        assert len(told) >= 2, lines
+        assert told[0].endswith(": begins")
+    assert here("initialize", project / "take", "--force").ok().stderr == ""
 
 
 def test_status_of_a_new_and_of_a_finished_take(here, project, finished):

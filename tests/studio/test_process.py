@@ -1,6 +1,8 @@
 """What libraries do to this process; programs that start in a stranger's folder execute nothing of it."""
 
+import contextlib
 import ctypes
+import logging
 import os
 import subprocess
 import sys
@@ -9,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.hostile_streams import executed, plant
-from v3studio.studio.process import NativeLines, forget_working_folder, python_command, start
+from v3studio.studio.process import NativeLines, forget_working_folder, logged, python_command, start
 
 BARE = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
 
@@ -26,6 +28,18 @@ def test_the_command_line_sets_it_but_not_over_the_users() -> None:
 
 
 ROOT = Path(__file__).parents[2]
+
+
+def test_a_call_that_hangs_is_the_last_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    log = logging.getLogger("v3studio.test")
+    caplog.set_level(logging.DEBUG, log.name)
+    with logged(log, "PyMeshLab"):
+        assert caplog.messages == ["PyMeshLab: begins"]
+    assert len(caplog.messages) == 2
+    with contextlib.suppress(KeyboardInterrupt), logged(log, "COLMAP"):
+        raise KeyboardInterrupt
+    assert ["KeyboardInterrupt" in message for message in caplog.messages] == [False, False, False, True]
+
 
 NOISY = """
 import atexit, ctypes, os, subprocess, sys

@@ -1,6 +1,7 @@
 """Runs a child process that prints JSON lines and can be stopped at any time."""
 
 import json
+import logging
 import os
 import queue
 import subprocess
@@ -10,6 +11,8 @@ from collections.abc import Callable, Sequence
 
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.process import python_command, start
+
+_LOG = logging.getLogger(__name__)
 
 
 def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[str, int, int], None]) -> None:
@@ -42,7 +45,7 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
 
         thread = threading.Thread(target=pump, daemon=True)
         thread.start()
-        failure = None
+        failure, step = None, ""
         try:
             while True:
                 try:
@@ -59,8 +62,12 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
                 if isinstance(values, dict) and "error" in values:
                     failure = Message(**values["error"])
                 elif isinstance(values, dict):
+                    if values["step"] != step:
+                        step = values["step"]
+                        _LOG.debug("process %d: %s", child.pid, step)
                     on_progress(values["step"], values["done"], values["total"])
             child.wait()
+            _LOG.debug("process %d ended with exit code %d", child.pid, child.returncode)
         finally:
             if child.poll() is None:
                 child.kill()

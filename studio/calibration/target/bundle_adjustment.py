@@ -4,6 +4,7 @@ To COLMAP, the target is the static world, and the cameras are one rig that move
 sync frame. The corners are constant points, so the result is metric and free of drift.
 """
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,9 @@ from v3studio.studio.calibration.target.pattern import TargetObservation
 from v3studio.studio.camera_files.colmap_model import intrinsics, model_parameters
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import StudioError
+from v3studio.studio.process import logged
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass
@@ -111,7 +115,8 @@ def refine(state: TargetRig, model: str, *, principal_point: bool, threads: int)
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.solver_options.num_threads = threads or os.cpu_count() or 1
     options.ceres.solver_options.function_tolerance = 1e-10
-    summary = pycolmap.create_default_bundle_adjuster(options, config, world).solve()
+    with logged(_LOG, "COLMAP's bundle adjustment"):
+        summary = pycolmap.create_default_bundle_adjuster(options, config, world).solve()
     if not summary.is_solution_usable():
         problem = "the bundle adjustment did not converge"
         raise StudioError("target.bundle_adjustment", problem, fix="Film the target again.")
