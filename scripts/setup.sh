@@ -115,7 +115,8 @@ install_package() {
 link_package() { # the sources under their installed names, for what reads them without importing: mypy, mkdocstrings, editors
     local package=build/package/v3studio
     rm -rf "$package" && mkdir -p "$package"
-    ln -s ../../../{studio,pipelines,gui} ../../../v3studio/{__init__.py,__init__.pyi,py.typed} "$package"
+    ln -s ../../../{studio,pipelines,gui} "$package"
+    find v3studio -maxdepth 1 -type f -exec ln -s ../../../{} "$package" ';'
 }
 
 package=yes sets=()
