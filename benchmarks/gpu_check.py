@@ -108,11 +108,11 @@ class Check:
         console.print(f"{name} ...")
         start = time.monotonic()
         try:
-            found = work()
+            result = work()
         except Exception as error:  # the report must name any failure, and the other parts must run
-            found = {"error": f"{type(error).__name__}: {error}"[:2000]}
-        self.report["parts"][name] = {"seconds": round(time.monotonic() - start, 2), **found}
-        return "error" not in found
+            result = {"error": f"{type(error).__name__}: {error}"[:2000]}
+        self.report["parts"][name] = {"seconds": round(time.monotonic() - start, 2), **result}
+        return "error" not in result
 
     def kernels(self) -> Report:
         """Compile the kernels in a child process, whose compilation can be ended, and render."""
@@ -150,28 +150,37 @@ class Check:
 
     def training_kernels(self) -> Report:
         """Errors and times of the kernels of training, at the sizes of the sample capture or, dry, at small ones."""
-        found: list[Report] = []
+        results_of: list[Report] = []
         for name, make in training_cases(self.dry).items():
             _, exact, leaves = make(torch.float64, self.device)
             right = results(exact, leaves)
             kernel, definition, leaves = make(torch.float32, self.device)
-            error, usual = (worst_error(results(one, leaves), right) for one in (kernel, definition))
-            times = (time_it(partial(results, one, leaves), 15, self.device)[0] for one in (kernel, definition))
-            found.append({"kernel": name, "error": error, "definition_error": usual})
-            found[-1] |= zip(("kernel_ms", "definition_ms"), times, strict=True)
-        wrong = [one["kernel"] for one in found if not one["error"] <= max(4 * one["definition_error"], LARGEST_ERROR)]
-        return {"kernels": found, "error": f"wrong: {', '.join(wrong)}"} if wrong else {"kernels": found}
+            error, usual = (
+                worst_error(results(implementation, leaves), right) for implementation in (kernel, definition)
+            )
+            times = (
+                time_it(partial(results, implementation, leaves), 15, self.device)[0]
+                for implementation in (kernel, definition)
+            )
+            results_of.append({"kernel": name, "error": error, "definition_error": usual})
+            results_of[-1] |= zip(("kernel_ms", "definition_ms"), times, strict=True)
+        wrong = [
+            result["kernel"]
+            for result in results_of
+            if not result["error"] <= max(4 * result["definition_error"], LARGEST_ERROR)
+        ]
+        return {"kernels": results_of, "error": f"wrong: {', '.join(wrong)}"} if wrong else {"kernels": results_of}
 
     def rasterizer(self) -> Report:
         """Milliseconds of a forward pass, and of both passes, median of 15."""
         cases = ((500, 64, 48),) if self.dry else ((30_000, 480, 270), (100_000, 960, 540), (100_000, 1920, 1080))
-        found: list[Report] = []
+        measured: list[Report] = []
         for count, width, height in cases:
             scene = person(count, width, height, self.device)
-            found.append({"splats": count, "width": width, "height": height})
+            measured.append({"splats": count, "width": width, "height": height})
             for time_name, make in (("forward_ms", forward_function), ("both_ms", both_function)):
-                found[-1][time_name] = time_it(make(*scene, self.backend), 15, self.device)[0]
-        return {"cases": found}
+                measured[-1][time_name] = time_it(make(*scene, self.backend), 15, self.device)[0]
+        return {"cases": measured}
 
     def group(self) -> Report:
         """Train a take, and add its keyframe, its other frames and its joint training as parts of their own."""
@@ -207,12 +216,12 @@ class Check:
                     steps = config.train.keyframe_iterations + config.train.prune_finetune_iterations
                 name = "keyframe" if frame == group.keyframe else f"frame {frame}"
                 parts[name] = {**part, "steps": steps, "psnr": round(before[-1], 2)}
-        found = {"psnr": round(statistics.mean(before), 2)}
+        result = {"psnr": round(statistics.mean(before), 2)}
         if not joint["seconds"]:
-            return {**found, "note": f"time is up after {len(finished)} of {len(group.frames)} frames"}
+            return {**result, "note": f"time is up after {len(finished)} of {len(group.frames)} frames"}
         steps = joint_steps(config.train, len(finished))
         parts["joint training"] = {**joint, "steps": steps, "psnr": round(statistics.mean(after), 2)}
-        return {**found, "note": "PSNR before joint training"}
+        return {**result, "note": "PSNR before joint training"}
 
 
 Computation = tuple[Callable[[], Tensor], Callable[[], Tensor], list[Tensor]]
@@ -229,8 +238,8 @@ def results(function: Callable[[], Tensor], leaves: Sequence[Tensor]) -> list[Te
 def worst_error(found: Sequence[Tensor], right: Sequence[Tensor]) -> float:
     """The largest relative error of a value or a gradient: norm of the difference by norm of the right one."""
     return max(
-        float((one.double() - other).norm() / other.norm().clamp_min(1e-30))
-        for one, other in zip(found, right, strict=True)
+        float((tensor.double() - other).norm() / other.norm().clamp_min(1e-30))
+        for tensor, other in zip(found, right, strict=True)
     )
 
 
@@ -274,7 +283,7 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
 
 def machine() -> Report:
     """GPU, versions and load."""
-    found: Report = {
+    facts: Report = {
         "system": platform.platform(),
         "cores": len(os.sched_getaffinity(0)),
         "load": os.getloadavg()[0],
@@ -284,8 +293,8 @@ def machine() -> Report:
         "triton": None,
     }
     with contextlib.suppress(PackageNotFoundError):
-        found["triton"] = version("triton")
-    return found
+        facts["triton"] = version("triton")
+    return facts
 
 
 @contextlib.contextmanager
@@ -341,8 +350,8 @@ def settings(dry: bool) -> Config:
 
 def quality(footage: Footage, frame: int, splats: Gaussians, device: str) -> float:
     """Mean PSNR of splats in the held-out cameras, dB."""
-    found = evaluate(splats, footage, frame, cameras=footage.held_out_cameras, device=device)
-    return statistics.mean(one["psnr"] for one in found.values())
+    by_camera = evaluate(splats, footage, frame, cameras=footage.held_out_cameras, device=device)
+    return statistics.mean(figures["psnr"] for figures in by_camera.values())
 
 
 def show(report: Report) -> None:
@@ -362,8 +371,8 @@ def show(report: Report) -> None:
             )
         if "kernels" in part:
             times = "; ".join(
-                f"{one['kernel']}: {one['kernel_ms']:.2f} ms, in PyTorch {one['definition_ms']:.2f} ms"
-                for one in part["kernels"]
+                f"{kernel['kernel']}: {kernel['kernel_ms']:.2f} ms, in PyTorch {kernel['definition_ms']:.2f} ms"
+                for kernel in part["kernels"]
             )
             note = f"{note}; {times}" if note else times
         if "tests" in part:

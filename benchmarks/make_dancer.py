@@ -109,14 +109,14 @@ def two_rings(count: int, first: float, high_low: tuple[float, float], target: t
         high_low: heights in meters of the even and of the odd ones.
         target: where they look, in meters.
     """
-    found = []
+    cameras = []
     for number in range(count):
         angle = 2 * math.pi * (number + first) / count
         center = np.array([3.4 * math.cos(angle), 3.4 * math.sin(angle) + target[1], high_low[number % 2]])
         pose = look_at_pose(center, np.array(target), np.array([0, 0, 1.0]))
         matrix = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-        found.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, pose))
-    return Rig(tuple(found))
+        cameras.append(Camera(f"cam{number:02d}", WIDTH, HEIGHT, matrix, pose))
+    return Rig(tuple(cameras))
 
 
 def pixel_rays(camera: Camera, dx: float, dy: float) -> np.ndarray:
@@ -146,10 +146,10 @@ class Body:
         """What rays (..., 3) from an origin (3,) meet: (...,) bool, whether they do, and of those M that do, (M, 3)
         points, (M, 3) RGB of the texture there in 0 to 1, and (M, 3) unit normals."""
         packed = np.concatenate([np.broadcast_to(origin, rays.shape), rays], -1).astype(np.float32)
-        found = self.scene.cast_rays(o3d.core.Tensor(packed), nthreads=1)
-        distance = found["t_hit"].numpy()
+        hits = self.scene.cast_rays(o3d.core.Tensor(packed), nthreads=1)
+        distance = hits["t_hit"].numpy()
         hit = np.isfinite(distance)
-        which = found["geometry_ids"].numpy()[hit]
+        which = hits["geometry_ids"].numpy()[hit]
         points = origin + rays[hit] * distance[hit][:, None]
         local = np.einsum("rij,ri->rj", self.axes[which], points - self.centers[which])
         normal = np.einsum("rij,rj->ri", self.axes[which], local / self.sizes[which] ** 2)

@@ -59,9 +59,9 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     class CountingWindow(MainWindow):
         """Counts how often it is drawn."""
 
-        def _on_tick(self) -> bool:
+        def tick(self) -> bool:
             nonlocal drawn
-            due = super()._on_tick()
+            due = super().tick()
             drawn += due
             return due
 
@@ -80,9 +80,9 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     get = frames_of.get
 
     def timed(frame: int) -> PlayedFrame:
-        found = get(frame)
-        loads.append(found.stats.decode_ms + found.stats.dequantize_ms)
-        return found
+        splats = get(frame)
+        loads.append(splats.stats.decode_ms + splats.stats.dequantize_ms)
+        return splats
 
     frames_of.get = timed  # type: ignore[assignment, method-assign]
     player.transport.play()
@@ -90,7 +90,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     draws: list[float] = []
     ticks: list[float] = []
     shown = player.picture
-    pictures = window.pictures
+    pictures = window.panels.viewport.pictures
     drawn_before = drawn
     cpu, start = time.process_time(), time.monotonic()
     last = start
@@ -109,7 +109,7 @@ def play(place: Path, seconds: float, size: tuple[int, int], device: str) -> Non
     steps = np.diff(frames) % count
     backwards = int((steps > count - 6).sum())
     assert shown is not None
-    made = window.pictures - pictures
+    made = window.panels.viewport.pictures - pictures
     print(f"{device}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {shown.splats:,} splats, {count} frames,")
     print(f"  picture {player.size[0]}x{player.size[1]} in a window of {size[0]}x{size[1]}, rotating at each tick")
     print(f"  delivered {made / elapsed:.1f} pictures/s; {backwards} of {len(steps)} frame steps backward")

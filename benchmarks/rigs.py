@@ -106,9 +106,9 @@ def wrong(footage: Footage, views: Views) -> Iterator[Trial]:
     for degrees in (25, 60, 100):
         folded = views | {name: turned(views[name], middle, up, degrees) for name in order[::2]}
         yield Trial(f"folded by {degrees} degrees", folded, True, whole("This rig is wrong"))
-    for one, other in ((a, b), (b, d), (c, order[order.index(c) + 1])):
+    for camera, other in ((a, b), (b, d), (c, order[order.index(c) + 1])):
         yield Trial(
-            "two cameras exchanged", exchanged(views, one, other), True, names(one, other, says="are exchanged")
+            "two cameras exchanged", exchanged(views, camera, other), True, names(camera, other, says="are exchanged")
         )
     for factor in (0.7, 1.1, 1.3):
         scaled = {name: zoomed(view, factor) for name, view in views.items()}
@@ -190,11 +190,11 @@ def main() -> int:
             for trial in trials:
                 cameras = {name: view.camera for name, view in trial.views.items()}
                 matched = pairs if trial.same_images else matches(trial.views)
-                found = judge_views(cameras, matched, list(trial.views.values()), trial.near)
-                right = trial.right(found)
+                verdict = judge_views(cameras, matched, list(trial.views.values()), trial.near)
+                right = trial.right(verdict)
                 totals[broken][0] += right
                 totals[broken][1] += 1
-                print(f"{'ok' if right else 'MISSED':7} {trial.what:34} {found.grade:7} {found.reason}", flush=True)
+                print(f"{'ok' if right else 'MISSED':7} {trial.what:34} {verdict.grade:7} {verdict.reason}", flush=True)
     called, kept = totals[True], totals[False]
     print(f"wrong rigs: {called[0]} of {called[1]} called wrong for the right reason")
     print(f"correct rigs: {kept[0]} of {kept[1]} not suspected")

@@ -115,8 +115,8 @@ class Scene:
         leaves = [tensor for _, tensor in splats.items()]
 
         def render() -> object:
-            found = rasterize(splats, view.camera, black)
-            return torch.autograd.grad([found.image, found.alpha], leaves, [view.image, view.mask])
+            rendered = rasterize(splats, view.camera, black)
+            return torch.autograd.grad([rendered.image, rendered.alpha], leaves, [view.image, view.mask])
 
         self.pair("rendering", render, **every)
         image = view.over(black)[0].clone().requires_grad_()

@@ -54,7 +54,7 @@ def run(take: Path, settings: list[str]) -> None:
 
 def differences(take: Path, other: Path) -> list[str]:
     """Names of the files whose bytes differ."""
-    found = [
+    digests = [
         {
             path.relative_to(root): path.read_bytes()
             for pattern in ("train/*/frame_*.safetensors", "stream/**/*", "evaluation.json")
@@ -63,8 +63,10 @@ def differences(take: Path, other: Path) -> list[str]:
         }
         for root in (take, other)
     ]
-    print(f"Comparing {len(found[0])} files with {other}.")
-    return sorted(str(name) for name in found[0].keys() | found[1].keys() if found[0].get(name) != found[1].get(name))
+    print(f"Comparing {len(digests[0])} files with {other}.")
+    return sorted(
+        str(name) for name in digests[0].keys() | digests[1].keys() if digests[0].get(name) != digests[1].get(name)
+    )
 
 
 def main() -> int:

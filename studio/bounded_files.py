@@ -65,11 +65,11 @@ def parse_json(text: str | bytes, bounds: Bounds = BOUNDS, *, unique: bool = Fal
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> JsonObject:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
         keys = [key for key, _ in pairs]
-        raise TextError(f"the key '{next(key for key in found if keys.count(key) > 1)}' appears twice")
-    return found
+        raise TextError(f"the key '{next(key for key in mapping if keys.count(key) > 1)}' appears twice")
+    return mapping
 
 
 def parse_toml(text: str, bounds: Bounds = BOUNDS) -> JsonObject:

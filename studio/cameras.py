@@ -211,13 +211,13 @@ class Camera:
             return result
         import cv2
 
-        found = np.full_like(pixels, np.nan)
+        rays = np.full_like(pixels, np.nan)
         known = np.isfinite(pixels).all(axis=1)
         if known.any():
             until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
             points = cv2.undistortPoints(pixels[known][:, None], self.K, self.distortion, criteria=until)
-            found[known] = points.reshape(-1, 2)
-        return found
+            rays[known] = points.reshape(-1, 2)
+        return rays
 
     def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
         """The (N, 3) world points that `project` maps to (N, 2) pixels and depths, one or (N,); NaN if those are."""

@@ -40,12 +40,12 @@ class ChromaSampling:
 
     def rotated(self, turns: int, width: int, height: int) -> ChromaSampling:
         """The grid after `np.rot90(image, turns)`; `width` and `height` of the image before, in pixels."""
-        found = self
+        sampling = self
         for _ in range(turns % 4):
-            (across, down), (x, y) = found.step, found.first
-            found = replace(found, step=(down, across), first=(y, (width - 1 - x) % across), siting=None)
+            (across, down), (x, y) = sampling.step, sampling.first
+            sampling = replace(sampling, step=(down, across), first=(y, (width - 1 - x) % across), siting=None)
             width, height = height, width
-        return found
+        return sampling
 
     def shift(self, siting: Siting) -> float:
         """How far to the right of the decoder's samples an encoder took them that used `siting`, in pixels."""

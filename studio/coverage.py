@@ -54,7 +54,7 @@ class ViewRange:
         """For the stream's metadata; docs/STREAM.md."""
         return {
             "center": [round(float(value), 6) for value in self.center],
-            "directions": [[round(float(value), 4) for value in one] for one in self.directions],
+            "directions": [[round(float(value), 4) for value in direction] for direction in self.directions],
             "angle": round(self.angle, 2),
         }
 
@@ -108,11 +108,11 @@ class Coverage:
 def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray, up: np.ndarray) -> Coverage | None:
     """Measure a rig by (N, 3) samples of the surface, N >= 1, world units, and their normals, of any length, outward;
     None without cameras outside of the performer. `up`: (3,)."""
-    found = view_range(cameras, points.mean(0))
-    if found is None:
+    viewed = view_range(cameras, points.mean(0))
+    if viewed is None:
         return None
-    outside, farthest = gaps(found, up)
-    return Coverage(outside, farthest, float((facing_cameras(cameras, points, normals) < 2).mean()), found.angle)
+    outside, farthest = gaps(viewed, up)
+    return Coverage(outside, farthest, float((facing_cameras(cameras, points, normals) < 2).mean()), viewed.angle)
 
 
 def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:

@@ -86,14 +86,14 @@ class Message:
 
     def to_dict(self) -> JsonObject:
         """JSON-ready: `code`, `message` (the full text); `file`, `value` and `fix` if set; and the fields."""
-        found: JsonObject = {"code": self.code, "message": str(self)}
+        entries: JsonObject = {"code": self.code, "message": str(self)}
         if self.file is not None:
-            found["file"] = shown(os.fspath(self.file))
+            entries["file"] = shown(os.fspath(self.file))
         if self.value is not None:
-            found["value"] = _plain(self.value)
+            entries["value"] = _plain(self.value)
         if self.fix:
-            found["fix"] = self.fix
-        return found | {name: _plain(value) for name, value in self.fields.items()}
+            entries["fix"] = self.fix
+        return entries | {name: _plain(value) for name, value in self.fields.items()}
 
 
 class StudioError(Exception):

@@ -68,11 +68,11 @@ class Gaussians:
             "sh": (n, self.sh.shape[1] if self.sh.ndim == 3 else -1, 3),
         }
         for name, shape in expected.items():
-            found = tuple(getattr(self, name).shape)
-            if found != shape:
-                problem = f"{name} of the Gaussians has shape {found}, expected {shape}"
+            own_shape = tuple(getattr(self, name).shape)
+            if own_shape != shape:
+                problem = f"{name} of the Gaussians has shape {own_shape}, expected {shape}"
                 raise StudioError(
-                    "gaussians.wrong_shape", problem, value=list(found), attribute=name, expected=list(shape)
+                    "gaussians.wrong_shape", problem, value=list(own_shape), attribute=name, expected=list(shape)
                 )
         if self.sh.shape[1] not in (1, 4, 9, 16):
             problem = (
@@ -173,7 +173,7 @@ class Gaussians:
         """The splats of all parts, in order; StudioError if their dilation differs (`gaussians.dilations_differ`)."""
         dilation, *others = sorted({part.dilation for part in parts})
         if others:
-            values = " and ".join(f"{one:g}" for one in (dilation, *others))
+            values = " and ".join(f"{dilation_:g}" for dilation_ in (dilation, *others))
             problem = f"splats that are rendered together have dilations of {values} square pixels; one image has one"
             fix = "Train them with the same train.dilation"
             raise StudioError("gaussians.dilations_differ", problem, value=[dilation, *others], fix=fix)

@@ -98,7 +98,7 @@ def gpu_out_of_memory(error: BaseException) -> str | None:
 
 def _cgroup_limits() -> list[int]:
     """Limits of this process's cgroup and of those above it: version 2, and version 1 as in older containers."""
-    found = []
+    limits = []
     try:
         lines = OWN_CGROUP.read_text(encoding="ascii", errors="replace").splitlines()
     except OSError:
@@ -114,5 +114,5 @@ def _cgroup_limits() -> list[int]:
             if folder == root.parent:
                 break
             with contextlib.suppress(OSError, ValueError):  # version 2 says "max" for no limit, version 1 a huge number
-                found.append(int((folder / name).read_bytes()))
-    return [limit for limit in found if limit > 0]
+                limits.append(int((folder / name).read_bytes()))
+    return [limit for limit in limits if limit > 0]

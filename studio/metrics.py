@@ -30,9 +30,9 @@ def psnr(image: Tensor, target: Tensor, mask: Tensor | None = None) -> Tensor:
     if mask is None:
         return -10.0 * torch.log10(squared.mean())
     if mask.shape != squared.shape:
-        found, size = tuple(mask.shape), tuple(squared.shape)
-        problem = f"the mask has shape {found}; expected {size}"
-        raise StudioError("metrics.mask_shape", problem, value=found, expected=size)
+        mask_shape, size = tuple(mask.shape), tuple(squared.shape)
+        problem = f"the mask has shape {mask_shape}; expected {size}"
+        raise StudioError("metrics.mask_shape", problem, value=mask_shape, expected=size)
     if not mask.sum() > 0:
         raise StudioError("metrics.mask_empty", "the mask is empty")
     weights = mask.to(squared)

@@ -166,15 +166,15 @@ def affected(model: type[Settings], prefix: str = "", outer: Affects | None = No
     """Dotted names of the settings of a model and of the models in it, to the results that each affects; `outer` is
     the default without `Affects`."""
     outer = model.affects or outer
-    found: dict[str, tuple[str, ...]] = {}
+    results: dict[str, tuple[str, ...]] = {}
     for name, field in model.model_fields.items():
         own = marker(field, Affects) or outer
         inner = submodel(field)
         if inner is None:
-            found[f"{prefix}{name}"] = own.results if own else ()
+            results[f"{prefix}{name}"] = own.results if own else ()
         else:
-            found |= affected(inner, f"{prefix}{name}.", own)
-    return found
+            results |= affected(inner, f"{prefix}{name}.", own)
+    return results
 
 
 def field_named(model: type[Settings], name: str) -> FieldInfo | None:
@@ -192,15 +192,15 @@ def nearest_sentence(model: type[Settings], name: str) -> str:
     """What to do about an unknown setting: the most similar setting or section, if one is similar."""
     close = partial(difflib.get_close_matches, n=1)
     known = list(affected(model))
-    sections = sorted({one.rpartition(".")[0] for one in known})
-    tails = {one.rpartition(".")[2]: one for one in known}
+    sections = sorted({setting.rpartition(".")[0] for setting in known})
+    tails = {setting.rpartition(".")[2]: setting for setting in known}
     last = name.rpartition(".")[2]
     near = (
         ("." not in name and close(name, sections, cutoff=0.5))
         # the usual mistake is a correct name in the wrong section
-        or close(name, [one for one in known if one.rpartition(".")[2] == last], cutoff=0.0)
+        or close(name, [setting for setting in known if setting.rpartition(".")[2] == last], cutoff=0.0)
         or close(name, known, cutoff=0.5)
-        or [tails[one] for one in close(last, tails, cutoff=0.5)]
+        or [tails[setting] for setting in close(last, tails, cutoff=0.5)]
     )
     return f"Did you mean {near[0]}?" if near else "`v3studio config` lists all settings."
 
@@ -213,8 +213,8 @@ def refused(
     field `mistakes` contains each as `Message.to_dict()`."""
     mistakes = [_mistake(dict(problem), model, where, given) for problem in error.errors()]
     if len(mistakes) == 1:
-        (one,) = mistakes
-        return StudioError(one.code, one.problem, file=one.file, value=one.value, fix=one.fix, **one.fields)
+        (only,) = mistakes
+        return StudioError(only.code, only.problem, file=only.file, value=only.value, fix=only.fix, **only.fields)
     lines = "\n".join(str(mistake) for mistake in mistakes)
     return StudioError("settings.invalid", lines, mistakes=[mistake.to_dict() for mistake in mistakes])
 
@@ -230,32 +230,35 @@ def _mistake(
     )
     if setting in given or name in given:
         where = OVERRIDES
-    elif where != OVERRIDES and any(one.startswith(f"{name}.") for one in given):  # a rule across several settings
+    elif where != OVERRIDES and any(other.startswith(f"{name}.") for other in given):  # a rule across several settings
         where = f"{os.fspath(where)} and {OVERRIDES}"
-    kind, found = problem["type"], problem.get("input")
+    kind, given_value = problem["type"], problem.get("input")
     if kind == "extra_forbidden":
         fix = nearest_sentence(model, name)
-        return Message("settings.unknown", f"unknown setting {name}", where, found, fix, {"setting": name})
+        return Message("settings.unknown", f"unknown setting {name}", where, given_value, fix, {"setting": name})
     fields: JsonObject = {"setting": setting}
     fix = ""
     cause = problem.get("ctx", {}).get("error")
     if isinstance(cause, Conflict):
         text, fix = cause.problem, cause.fix
         if cause.secret:
-            text, found = f"{name} {text}", None
+            text, given_value = f"{name} {text}", None
         elif cause.names:
-            fields["settings"] = [".".join([*location, one]) for one in cause.names]
+            fields["settings"] = [".".join([*location, other]) for other in cause.names]
             text = f"{name}: {text}" if name else text
-            found = None
+            given_value = None
         else:
-            text = f"{name} = {_plain(found)} {'' if text.startswith('must') else 'is invalid: '}{text}"
+            text = f"{name} = {_plain(given_value)} {'' if text.startswith('must') else 'is invalid: '}{text}"
     elif kind in ("model_type", "model_attributes_type"):
-        text, fix = f"{name} = {found!r} is not a section", f"Indent settings under it, one per line ({name}: ...)."
+        text, fix = (
+            f"{name} = {given_value!r} is not a section",
+            f"Indent settings under it, one per line ({name}: ...).",
+        )
     else:
         words = violation(problem)
-        text = f"{name} = {_plain(found)} {'' if words.startswith(('must', 'is ')) else 'is invalid: '}{words}"
+        text = f"{name} = {_plain(given_value)} {'' if words.startswith(('must', 'is ')) else 'is invalid: '}{words}"
         fix = _default_sentence(model, setting)
-    return Message("settings.invalid", text, where, found, fix, fields)
+    return Message("settings.invalid", text, where, given_value, fix, fields)
 
 
 def _default_sentence(model: type[Settings], name: str) -> str:

@@ -43,7 +43,7 @@ def align_axes(quats: Tensor, scales: Tensor, reference: Tensor) -> tuple[Tensor
     frames would mix different axes. Takes and returns quaternions (N, 4) wxyz of unit length, the new ones each with a
     positive dot product with its reference, and (N, 3) scales of any kind, also logarithms.
     """
-    renamings, order = (one.to(quats.device) for one in _renamings())
+    renamings, order = (tensor.to(quats.device) for tensor in _renamings())
     conjugate = reference * reference.new_tensor([1, -1, -1, -1])
     difference = quat_multiply(conjugate, quats)
     angles = (difference * difference.new_tensor([1, -1, -1, -1])) @ renamings.to(quats.dtype).T  # scalar parts

@@ -101,18 +101,18 @@ def results(take: Path) -> dict[str, str]:
 
 def problems_of(take: Path, before: dict[str, str] | None = None) -> list[str]:
     """What is wrong with a take after a fault: it does not open, its stream is torn, a finished frame has changed."""
-    found = []
+    problems = []
     try:
         if (take / "take.json").exists():
             Take.open(take)
         if (take / "stream" / "manifest.json").exists():
             with StreamReader.open(take / "stream") as reader:
-                found += [f"{one.file}: {one.problem}" for one in check_stream(reader).damage]
+                problems += [f"{damage.file}: {damage.problem}" for damage in check_stream(reader).damage]
     except StudioError as error:
-        found.append(str(error))
+        problems.append(str(error))
     now = results(take)
     lost = [name for name, digest in (before or {}).items() if name.startswith("train/") and now.get(name) != digest]
-    return found + [f"{name} was finished and has changed" for name in lost]
+    return problems + [f"{name} was finished and has changed" for name in lost]
 
 
 def at_every_write(kind: str, project: Project, share: float, outcome: Outcome) -> None:

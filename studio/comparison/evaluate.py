@@ -50,12 +50,12 @@ def evaluate(
     Raises:
         StudioError: `footage.unknown_camera`, `footage.no_such_frame`, an unreadable image or mask.
     """
-    found = {}
+    results = {}
     for camera in cameras or footage.measured_cameras or footage.train_cameras:
         mask = footage.evaluation_mask(camera, frame)
         box = None if padding is None else padded_box(mask, padding)
         if padding is None or box is not None:
             view = footage.rig[camera]
             pair = ViewPair.of(gaussians, view, footage.image(camera, frame), mask, background, box, device)
-            found[camera] = measure(pair, lpips)
-    return found
+            results[camera] = measure(pair, lpips)
+    return results

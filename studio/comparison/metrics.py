@@ -100,5 +100,5 @@ FLICKER = Metric("flicker", "flicker", "levels of 255", 2, None)  # between cons
 
 def measure(pair: ViewPair, lpips: Distance | None = None) -> dict[str, float]:
     """The metrics of a pair of images that are measured, by name."""
-    found = [(metric, metric.measure(pair, lpips)) for metric in METRICS if metric.measure is not None]
-    return {metric.name: round(value, metric.digits + 2) for metric, value in found if value is not None}
+    results = [(metric, metric.measure(pair, lpips)) for metric in METRICS if metric.measure is not None]
+    return {metric.name: round(value, metric.digits + 2) for metric, value in results if value is not None}

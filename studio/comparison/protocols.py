@@ -48,8 +48,8 @@ def find_camera(name: str, names: Sequence[str]) -> str | None:
     if name in names:
         return name
     number = _number(name)
-    found = [] if number is None else [each for each in names if _number(each) == number]
-    return found[0] if len(found) == 1 else None
+    matches = [] if number is None else [each for each in names if _number(each) == number]
+    return matches[0] if len(matches) == 1 else None
 
 
 def _number(name: str) -> int | None:

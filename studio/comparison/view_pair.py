@@ -79,7 +79,7 @@ def outline_depth(mask: np.ndarray) -> np.ndarray:
     import cv2
 
     inside = (mask > 127).astype(np.uint8)
-    within, beyond = (cv2.distanceTransform(one, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for one in (inside, 1 - inside))
+    within, beyond = (cv2.distanceTransform(side, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for side in (inside, 1 - inside))
     return np.asarray(within - beyond, np.float32)
 
 
@@ -107,17 +107,17 @@ def flicker(before: np.ndarray, now: np.ndarray) -> float:
 
 def flicker_of(before: Mapping[str, Residual], now: Mapping[str, Residual]) -> float | None:
     """Flicker between consecutive frames where boxes overlap, mean over cameras, 0 to 255; None if they never do."""
-    found = []
+    flickers = []
     for camera in sorted(set(before) & set(now)):
-        one, other = before[camera], now[camera]
-        spans = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one.box, other.box, strict=True)]
+        earlier, other = before[camera], now[camera]
+        spans = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(earlier.box, other.box, strict=True)]
         if all(start < stop for start, stop in spans):
             parts = []
-            for each in (one, other):
+            for each in (earlier, other):
                 rows, columns = (
                     slice(start - side.start, stop - side.start)
                     for (start, stop), side in zip(spans, each.box, strict=True)
                 )
                 parts.append(each.values[rows, columns].astype(np.float32))
-            found.append(flicker(*parts))
-    return round(sum(found) / len(found), 4) if found else None
+            flickers.append(flicker(*parts))
+    return round(sum(flickers) / len(flickers), 4) if flickers else None

@@ -243,7 +243,7 @@ class DetailMark(Edit):
 
     def at(self, frame: int) -> np.ndarray:
         """(3,) the middle of the ball in a frame, by its number in the footage."""
-        frames = [one for one, _ in self.path]
+        frames = [frame_number for frame_number, _ in self.path]
         places = np.array([place for _, place in self.path])
         return np.array([np.interp(frame, frames, places[:, axis]) for axis in range(3)])
 

@@ -25,7 +25,7 @@ def follow(
     The path has `frame`, the first and last frame of each group, and every `EVERY`th frame between. `means_at` gives
     the (N, 3) means of a frame, counted from 0 in the take; groups are without gaps.
     """
-    number = next((at for at, one in enumerate(groups) if frame in one), None)
+    number = next((at for at, group in enumerate(groups) if frame in group), None)
     if number is None or not len(inside := _inside(means_at(frame), center, radius)):
         raise StudioError(
             "edits.nothing_there",
@@ -51,7 +51,9 @@ def follow(
                 break
             path[following], here = expected, following
     return DetailMark(
-        radius=radius, weight=weight, path=tuple((one, tuple(path[one].round(6).tolist())) for one in sorted(path))
+        radius=radius,
+        weight=weight,
+        path=tuple((frame_number, tuple(path[frame_number].round(6).tolist())) for frame_number in sorted(path)),
     )
 
 

@@ -49,13 +49,13 @@ class Selection:
     @property
     def removed(self) -> np.ndarray:
         """(N,) bool: what any edit removes."""
-        found: np.ndarray = np.any(list(self.kinds.values()), axis=0)
-        return found
+        any_kind: np.ndarray = np.any(list(self.kinds.values()), axis=0)
+        return any_kind
 
     @property
     def counts(self) -> dict[str, int]:
         """Number of splats by kind; one splat may count for several."""
-        return {name: int(one.sum()) for name, one in self.kinds.items()}
+        return {name: int(selected.sum()) for name, selected in self.kinds.items()}
 
 
 def select(edits: EditList, paths: Paths) -> Selection:
@@ -147,8 +147,8 @@ def clusters(means: np.ndarray, distance: float) -> np.ndarray:
         return np.zeros(0, np.int64)
     cells = np.floor((means.astype(np.float64) - means.min(axis=0)) / distance)
     _, own, parts = connected_cells(cells, 1.8)  # the diagonal is 1.73
-    found: np.ndarray = parts[own]
-    return found
+    own_parts: np.ndarray = parts[own]
+    return own_parts
 
 
 def connected_cells(cells: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -174,5 +174,5 @@ def _loose(floaters: Floaters, means: np.ndarray, opacities: np.ndarray) -> np.n
     sizes = np.bincount(numbers)
     small = sizes < least
     small[sizes.argmax()] = False
-    found: np.ndarray = small[numbers]
-    return found
+    loose: np.ndarray = small[numbers]
+    return loose

@@ -134,8 +134,8 @@ def read_rows(path: Path, note: Note = ignore) -> Gaussians:
     """All rows of a file of one frame, or of a SOG's meta.json, on the CPU; float64 if its positions are, else float32.
     Not all need be `usable` (see `studio.formats.checks`). StudioError if the extension is not supported, or the file
     is missing, damaged, has no splats, or has what would change their meaning and is not supported."""
-    found: Gaussians = _read_format(path).module.read(path, note)
-    return found
+    splats: Gaussians = _read_format(path).module.read(path, note)
+    return splats
 
 
 def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
@@ -177,5 +177,5 @@ def write_splats(gaussians: Gaussians, path: Path | str, **options: Any) -> None
     temporary name. StudioError if the extension is not supported, there are no splats, or a value is not finite or out
     of range."""
     path = Path(path)
-    written = [suffix for suffix, one in FRAME_FILES.items() if one.written]
+    written = [suffix for suffix, format_ in FRAME_FILES.items() if format_.written]
     _format(path, written, "written to").module.write(path, gaussians, **options)

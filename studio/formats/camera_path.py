@@ -209,7 +209,7 @@ def read_path_keys(path: Path, seconds: float) -> list[Key]:
         fix = "docs/guides/export-import.md describes the format."
         raise StudioError("camera_path.invalid_key", problem, file=path, fix=fix, name=name) from None
     with naming(path):
-        return [Key(one.time, Camera.from_dict(one.camera), one.frame, one.easing) for one in keys]
+        return [Key(entry.time, Camera.from_dict(entry.camera), entry.frame, entry.easing) for entry in keys]
 
 
 def read_film_keys(
@@ -222,12 +222,12 @@ def read_film_keys(
     frames, ascending.
     """
     module = importlib.import_module(f"v3studio.studio.formats.{FILM_FORMATS[path.suffix.lower()]}")
-    found: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
-    if (name is None and len(found) > 1) or (name is not None and name not in found):
-        problem = f"the file has the cameras {', '.join(found)}" + ("" if name is None else f", not '{name}'")
+    by_name: dict[str, dict[int, Camera]] = module.read_cameras(path, *size)
+    if (name is None and len(by_name) > 1) or (name is not None and name not in by_name):
+        problem = f"the file has the cameras {', '.join(by_name)}" + ("" if name is None else f", not '{name}'")
         fix = "Choose one with --camera NAME."
-        raise StudioError("camera_path.which_camera", problem, file=path, value=name, fix=fix, expected=list(found))
-    cameras = found[name or next(iter(found))]
+        raise StudioError("camera_path.which_camera", problem, file=path, value=name, fix=fix, expected=list(by_name))
+    cameras = by_name[name or next(iter(by_name))]
     if len(cameras) == 1:
         return [Key(0.0, next(iter(cameras.values())))]
     moves, filmed = [min(cameras), max(cameras)], [numbers[0], numbers[-1]]

@@ -112,8 +112,8 @@ def usable(gaussians: Gaussians) -> np.ndarray:
     """(N,) bool: whether all values of a splat are finite, its linear scales too, and its quaternion is not zero."""
     finite = [tensor.reshape(len(gaussians), -1).isfinite().all(dim=1) for _, tensor in gaussians.items()]
     whole = torch.stack([*finite, gaussians.scales.isfinite().all(dim=1), gaussians.quats.any(dim=1)]).all(dim=0)
-    found: np.ndarray = whole.numpy()
-    return found
+    indices: np.ndarray = whole.numpy()
+    return indices
 
 
 def check_some_usable(path: Path, kept: np.ndarray) -> None:

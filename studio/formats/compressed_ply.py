@@ -124,9 +124,9 @@ def _types(element: PlyElement) -> dict[str, str]:
 
 
 def _need(path: Path, element: PlyElement, names: list[str] | tuple[str, ...], kind: str) -> None:
-    found = _types(element)
+    types = _types(element)
     for name in names:
-        if found.get(name) != kind:
+        if types.get(name) != kind:
             problem = f"the compressed PLY's element '{element.name}' has no property '{name}' of the type {kind}"
             fix = "Choose a file written by SuperSplat or a compatible tool."
             raise StudioError("splat_file.not_splats", problem, file=path, fix=fix, missing=name)

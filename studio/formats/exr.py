@@ -100,8 +100,8 @@ def export_exr(
             raise StudioError("export.invalid_setting", problem, file=folder, value=value, name=name)
 
     def wide(index: float) -> Camera:
-        found = camera(index)
-        return found.cropped(-overscan, -overscan, found.width + 2 * overscan, found.height + 2 * overscan)
+        own = camera(index)
+        return own.cropped(-overscan, -overscan, own.width + 2 * overscan, own.height + 2 * overscan)
 
     plates = Plates(video, wide, world, lambda rgba: _converted(oiio, rgba, color_space), shutter, performers, deep)
     digits = max(4, len(str(video.number(video.frame_count - 1))))
@@ -130,8 +130,8 @@ def _converted(oiio: Any, rgba: np.ndarray, color_space: str) -> np.ndarray:
     result = oiio.ImageBufAlgo.colorconvert(image, COLOR_SPACES["srgb"][0], target, True, colorconfig=CONFIG)
     if result.has_error:
         raise StudioError("exr.color", f"colors cannot be converted to {target} ({result.geterror()})")
-    found: np.ndarray = result.get_pixels(oiio.FLOAT)
-    return found
+    pixels: np.ndarray = result.get_pixels(oiio.FLOAT)
+    return pixels
 
 
 def _attributes(camera: Camera, number: int, fps: float, shutter: Shutter, color_space: str) -> Attributes:
@@ -170,7 +170,7 @@ def _attributes(camera: Camera, number: int, fps: float, shutter: Shutter, color
 
 
 def _write_plate(oiio: Any, path: Path, plate: Plate, attributes: Attributes, overscan: int) -> None:
-    layers = (*_LAYERS, *((f"matte.{one}", "half") for one in range(plate.mattes.shape[-1])))
+    layers = (*_LAYERS, *((f"matte.{performer}", "half") for performer in range(plate.mattes.shape[-1])))
     spec = _spec(oiio, plate.depth.shape, layers, attributes, overscan)
     parts = [plate.rgba, plate.depth[..., None], plate.position, plate.normal, plate.forward, plate.mattes]
     pixels = np.concatenate(parts, axis=-1, dtype=np.float32)

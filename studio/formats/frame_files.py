@@ -24,7 +24,7 @@ def formats_in(folder: Path) -> dict[str, list[Path]]:
     each, and `*/point_cloud.ply` for folders of checkpoints. Formats that are only written count, too, so that a folder
     with one of them besides another is noticed.
     """
-    found: dict[str, list[Path]] = {}
+    formats: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
@@ -32,14 +32,14 @@ def formats_in(folder: Path) -> dict[str, list[Path]]:
         if path.is_dir():
             checkpoint = last_checkpoint(path)
             if checkpoint is not None:
-                found.setdefault(f"*/{CHECKPOINT}", []).append(checkpoint)
+                formats.setdefault(f"*/{CHECKPOINT}", []).append(checkpoint)
                 continue
             kind, path = f"*/{META}", path / META
         elif path.name.lower() == META:
             kind = META
         if (path.name.lower() == META and path.is_file() and is_sog_meta(path)) or kind in FRAME_FILES:
-            found.setdefault(kind, []).append(path)
-    return found
+            formats.setdefault(kind, []).append(path)
+    return formats
 
 
 def last_checkpoint(folder: Path) -> Path | None:
@@ -81,7 +81,7 @@ def find_frames(place: Path) -> list[tuple[int, Path]]:
         return [(0, checkpoint)]
     formats = formats_in(place)
     check_one_format(place, formats)
-    paths = [path for found in formats.values() for path in found if suffix_of(path) in READ_SUFFIXES]
+    paths = [path for files in formats.values() for path in files if suffix_of(path) in READ_SUFFIXES]
     if not paths:
         only = f"{', '.join(formats)} files are only written; there are " if formats else ""
         problem = f"{only}no {', '.join(READ_SUFFIXES)} files in this folder"
@@ -107,12 +107,12 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     frames. If several change, it is the one after a word such as `frame`, otherwise the last one, provided that the
     others say the same order.
     """
-    found = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", _stem(name).lower()) for name in names]
-    if len({tuple(word for word, _ in numbers) for numbers in found}) > 1:  # named differently: their last numbers
-        frames = [[int(number) for word, number in numbers if word not in _NOT_FRAMES] for numbers in found]
+    parsed = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", _stem(name).lower()) for name in names]
+    if len({tuple(word for word, _ in numbers) for numbers in parsed}) > 1:  # named differently: their last numbers
+        frames = [[int(number) for word, number in numbers if word not in _NOT_FRAMES] for numbers in parsed]
         return [numbers[-1] if numbers else -1 for numbers in frames]
-    words = [word for word, _ in found[0]]
-    columns = [[int(numbers[index][1]) for numbers in found] for index in range(len(words))]
+    words = [word for word, _ in parsed[0]]
+    columns = [[int(numbers[index][1]) for numbers in parsed] for index in range(len(words))]
     changing = [index for index, column in enumerate(columns) if len(set(column)) > 1]
     chosen = [index for index in changing if words[index] not in _NOT_FRAMES]
     if changing and not chosen:

@@ -33,19 +33,19 @@ Value = str | list["Value"]
 
 def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Camera]]:
     """Cameras of a script by name and frame; one that stands still has one. Raises StudioError: `nuke.*`."""
-    found: dict[str, dict[int, Camera]] = {}
+    cameras: dict[str, dict[int, Camera]] = {}
     others: set[str] = set()
     parents = False
     for kind, knobs in _nodes(path):
         if kind in _NODES:
             name = str(knobs.get("name", kind))
-            found[name] = _Node(path, name, knobs, parents).cameras(width, height)
+            cameras[name] = _Node(path, name, knobs, parents).cameras(width, height)
         parents = parents or kind in _PARENTS
         others.add(kind)
-    if not found:
+    if not cameras:
         problem = f"there is no node Camera2 or Camera3; it has {', '.join(sorted(others)) or 'no nodes'}"
         raise StudioError("nuke.no_camera", problem, file=path, fix="Export a classic Camera node.")
-    return found
+    return cameras
 
 
 def _nodes(path: Path) -> Iterator[tuple[str, dict[str, Value]]]:
@@ -111,7 +111,7 @@ class _Node:
 
     def cameras(self, width: int, height: int) -> dict[int, Camera]:
         for knob, count in _UNSUPPORTED.items():
-            if any(set(one.values()) != {_DEFAULTS[knob]} for one in self._curves(knob, count)):
+            if any(set(curve.values()) != {_DEFAULTS[knob]} for curve in self._curves(knob, count)):
                 raise self._error(f"{knob} is not {_DEFAULTS[knob]:g}", knob)
         for knob, word in _WORDS.items():
             if self._knobs.get(knob, word) != word:
@@ -119,16 +119,16 @@ class _Node:
         focal, film = self._curves("focal", 1), self._curves("haperture", 1)
         poses = self._curves("matrix", 16) if self._knobs.get("useMatrix") == "true" else []
         turns = [] if poses else [*self._curves("translate", 3), *self._curves("rotate", 3)]
-        moving = [one for one in (*focal, *film, *poses, *turns) if len(one) > 1]
-        frames = sorted({frame for one in moving for frame in one}) or [0]
-        found = {}
+        moving = [curve for curve in (*focal, *film, *poses, *turns) if len(curve) > 1]
+        frames = sorted({frame for curve in moving for frame in curve}) or [0]
+        cameras = {}
         for frame in frames:
-            now = [_at(one, frame) for one in (*focal, *film)]
-            pose = self._matrix([_at(one, frame) for one in poses]) if poses else self._placed(turns, frame)
+            now = [_at(curve, frame) for curve in (*focal, *film)]
+            pose = self._matrix([_at(curve, frame) for curve in poses]) if poses else self._placed(turns, frame)
             K = np.diag([now[0] / now[1] * width, now[0] / now[1] * width, 1.0])
             K[:2, 2] = width / 2, height / 2
-            found[frame] = Camera(self._name, width, height, K, np.linalg.inv(pose @ OPENGL_AXES))
-        return found
+            cameras[frame] = Camera(self._name, width, height, K, np.linalg.inv(pose @ OPENGL_AXES))
+        return cameras
 
     def _matrix(self, values: list[float]) -> np.ndarray:
         """(4, 4) camera to world, from rows."""
@@ -142,7 +142,7 @@ class _Node:
         order = self._knobs.get("rot_order", "ZXY")
         if not isinstance(order, str) or sorted(order) != ["X", "Y", "Z"]:
             raise self._error(f"rot_order is {order}, not an order of X, Y and Z", "rot_order")
-        values = np.array([_at(one, frame) for one in curves])
+        values = np.array([_at(curve, frame) for curve in curves])
         angles = dict(zip("XYZ", values[3:], strict=True))
         pose = np.eye(4)
         # lower case: about the axes of the world, one after the other
@@ -168,34 +168,34 @@ class _Node:
         """Without braces around all values, or around rows of them."""
         if value and value[0] == "curve":
             return [value]
-        return [part for one in value for part in (self._flat(one) if isinstance(one, list) else [one])]
+        return [part for item in value for part in (self._flat(item) if isinstance(item, list) else [item])]
 
     def _curve(self, knob: str, value: Value) -> dict[int, float]:
         if isinstance(value, str):
             return {0: self._number(knob, value)}
-        found: dict[int, float] = {}
+        keys: dict[int, float] = {}
         frame = None
         for word in value[1:]:
             if not isinstance(word, str):
                 raise self._error(f"{knob} is not a curve of numbers", knob)
             if re.fullmatch(r"x-?\d+", word):
                 frame = int(word[1:])
-            elif re.fullmatch(r"[iKLRCSZH]", word) or (re.fullmatch(r"[stuv]-?[\d.e+-]+", word) and found):
+            elif re.fullmatch(r"[iKLRCSZH]", word) or (re.fullmatch(r"[stuv]-?[\d.e+-]+", word) and keys):
                 continue  # how it is interpolated between keys
             else:
-                frame = min(found, default=1) if frame is None else frame
-                if found and frame <= max(found):
-                    problem = f"camera {self._name}: frame {frame} of {knob} comes after frame {max(found)}"
+                frame = min(keys, default=1) if frame is None else frame
+                if keys and frame <= max(keys):
+                    problem = f"camera {self._name}: frame {frame} of {knob} comes after frame {max(keys)}"
                     fix = "Export the camera again."
                     raise StudioError("camera_path.times", problem, file=self._path, value=frame, fix=fix)
-                found[frame] = self._number(knob, word)
+                keys[frame] = self._number(knob, word)
                 frame += 1
-        if not found:
+        if not keys:
             raise self._error(f"{knob} is an expression or has no keys", knob)
-        gaps = [at for at in sorted(found)[:-1] if at + 1 not in found]
-        if gaps and len(set(found.values())) > 1:
+        gaps = [at for at in sorted(keys)[:-1] if at + 1 not in keys]
+        if gaps and len(set(keys.values())) > 1:
             raise self._error(f"{knob} has no key on frame {gaps[0] + 1}", knob)
-        return found
+        return keys
 
     def _number(self, knob: str, word: str) -> float:
         try:

@@ -59,7 +59,7 @@ class Bulk:
         count = max(map(len, outliers))
         if not count or reach <= 0:
             return cls(middle, math.inf)
-        return cls(middle, reach, count, float(max(found.max(initial=0.0) for found in outliers)))
+        return cls(middle, reach, count, float(max(distances.max(initial=0.0) for distances in outliers)))
 
     @property
     def note(self) -> str | None:

@@ -64,22 +64,22 @@ class Performers:
         `number` of the first frame is for messages; `order`, (3,): direction along which performers are numbered
         without `before`.
         """
-        found = separated(splats, self.count)
-        if found is None:
+        parts = separated(splats, self.count)
+        if parts is None:
             problem = f"frame {number} does not have {self.count} performers apart from each other"
             fix = "Choose frames in which they do not touch with --frames, or another number with --mattes."
             raise StudioError("exr.performers", problem, value=self.count, fix=fix)
-        centers = self._centers(splats, found)
+        centers = self._centers(splats, parts)
         if before is None:
             names = np.argsort(np.argsort(centers @ np.asarray(order)))
         else:
             earlier = self._centers(before, self.labels)
             names = linear_sum_assignment(np.linalg.norm(centers[:, None] - earlier[None], axis=-1))[1]
-        self.labels = names[found]
+        self.labels = names[parts]
 
     def _centers(self, splats: Gaussians, labels: np.ndarray) -> np.ndarray:
         means = _finite_means(splats)
-        return np.stack([np.median(means[labels == one], axis=0) for one in range(self.count)])
+        return np.stack([np.median(means[labels == performer], axis=0) for performer in range(self.count)])
 
 
 def _finite_means(splats: Gaussians) -> np.ndarray:

@@ -116,9 +116,9 @@ class Plates:
         return self._linear(torch.cat([rendered.image, rendered.alpha[..., None]], -1).cpu().numpy())
 
     def _samples(self, splats: Gaussians, camera: Camera, rendered: Render) -> DeepSamples:
-        found = deep_samples(splats, camera, rendered, self._deep, self._linear)
-        found.values[:, 4] *= self._world.scale
-        return found
+        samples = deep_samples(splats, camera, rendered, self._deep, self._linear)
+        samples.values[:, 4] *= self._world.scale
+        return samples
 
     def _mattes(self, index: int, splats: Gaussians, camera: Camera) -> np.ndarray:
         """(H, W, performers) shares of what is drawn."""
@@ -135,7 +135,7 @@ class Plates:
 
     def _frame(self, index: int) -> Gaussians:
         if index not in self._read:
-            self._read = {at: one for at, one in self._read.items() if abs(at - index) <= 1}
+            self._read = {at: splats for at, splats in self._read.items() if abs(at - index) <= 1}
             self._read[index] = self._video.read(index).to(self._device)
         return self._read[index]
 
@@ -185,5 +185,5 @@ def _mean_features(gaussians: Gaussians, camera: Camera, features: torch.Tensor)
     # the rasterizer blends colors: 0.5 + SH_C0 * sh, not below 0
     colors = ((features - low) / extent - 0.5) / SH_C0
     rendered = rasterize(replace(gaussians, sh=colors[:, None].to(gaussians.means)), camera)
-    shares = torch.stack([mean_depth(one, rendered.alpha) for one in rendered.image.unbind(-1)], -1)
+    shares = torch.stack([mean_depth(feature, rendered.alpha) for feature in rendered.image.unbind(-1)], -1)
     return torch.where(rendered.alpha[..., None] > 0, low + extent * shares, 0.0)

@@ -87,15 +87,15 @@ def said_up(path: Path) -> tuple[float, float, float] | None:
     """Direction that points up, if a comment says so: `Vertical Axis: z` (Nerfstudio), or `Vertical axis: 0 1 0`. A
     plain y is not one: Brush writes it into files with y down."""
     for comment in _opened(path).comments:
-        found = re.match(r"\s*(?:vertical|up)[ _-]?axis\s*[:=]?\s*(.*)", comment, re.IGNORECASE)
-        if found is None:
+        said = re.match(r"\s*(?:vertical|up)[ _-]?axis\s*[:=]?\s*(.*)", comment, re.IGNORECASE)
+        if said is None:
             continue
-        axis = re.match(r"([+-]?)([xyz])\b", found[1], re.IGNORECASE)
+        axis = re.match(r"([+-]?)([xyz])\b", said[1], re.IGNORECASE)
         if axis is not None and (axis[1] or axis[2].lower() != "y"):
             sign = -1.0 if axis[1] == "-" else 1.0
             x, y, z = (sign if letter == axis[2].lower() else 0.0 for letter in "xyz")
             return x, y, z
-        numbers = re.findall(r"[-+]?\d+(?:\.\d*)?", found[1])
+        numbers = re.findall(r"[-+]?\d+(?:\.\d*)?", said[1])
         if axis is None and len(numbers) == 3 and any(float(number) for number in numbers):
             x, y, z = map(float, numbers)
             length = (x * x + y * y + z * z) ** 0.5
@@ -212,9 +212,9 @@ def _check_properties(path: Path, names: Iterable[str], note: Note) -> None:
         and not _HARMLESS.fullmatch(name)
     ]
     for what, (pattern, fix) in _OTHERS.items():
-        found = [name for name in unknown if re.fullmatch(pattern, name)]
-        if found:
-            problem = f"its splats have {what} ({', '.join(found)}), which would be lost"
-            raise StudioError("splat_file.other_splats", problem, file=path, value=found, fix=fix)
+        matching = [name for name in unknown if re.fullmatch(pattern, name)]
+        if matching:
+            problem = f"its splats have {what} ({', '.join(matching)}), which would be lost"
+            raise StudioError("splat_file.other_splats", problem, file=path, value=matching, fix=fix)
     if unknown:
         note(f"properties that Gaussians do not have are ignored: {', '.join(unknown)}")

@@ -46,8 +46,8 @@ def placed(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     what the camera sees of `gaussians`."""
     if similarity.is_identity:
         return gaussians
-    found = scaled(turned(gaussians, similarity.rotation), similarity.scale)
-    return replace(found, means=found.means + torch.from_numpy(similarity.translation).to(found.means))
+    moved = scaled(turned(gaussians, similarity.rotation), similarity.scale)
+    return replace(moved, means=moved.means + torch.from_numpy(similarity.translation).to(moved.means))
 
 
 def _sh_rotation(matrix: torch.Tensor, degree: int) -> torch.Tensor:

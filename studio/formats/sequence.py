@@ -133,11 +133,11 @@ def find_groups(counts: list[int], means: Iterable[np.ndarray], progress: Progre
     starts: list[int] = []
     before = np.zeros((0, 3))
     generator = np.random.default_rng(0)
-    for index, found in enumerate(means):
+    for index, positions in enumerate(means):
         progress(index, len(counts))
-        if len(found) != len(before) or not _same_splats(before, found, generator):
+        if len(positions) != len(before) or not _same_splats(before, positions, generator):
             starts.append(index)
-        before = found
+        before = positions
     progress(len(counts), len(counts))
     return tuple(starts)
 
@@ -180,11 +180,11 @@ def open_import(place: Path | str, fps: float | None = None, progress: ProgressF
         file = UsdFrames(place)
         frames = [Frame(place, file.size(time), partial(file.read, time)) for time in file.times]
         return _opened(place, fps or file.fps, frames, file.up, [_gaps(file.times)], progress)
-    found = find_frames(place)
-    paths = [path for _, path in found]
+    numbered = find_frames(place)
+    paths = [path for _, path in numbered]
     last = f"of each model, the last iteration is read: {paths[0].parent.name}" if paths[0].name == CHECKPOINT else None
     frames = [Frame(path, splats_size(path), partial(read_rows, path)) for path in paths]
-    notes = [last, _gaps([number for number, _ in found])]
+    notes = [last, _gaps([number for number, _ in numbered])]
     return _opened(place, fps or DEFAULT_FPS, frames, up_of(paths[0]), notes, progress)
 
 

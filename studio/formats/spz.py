@@ -294,7 +294,7 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
     decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
     result: list[bytes] = []
     for (stored, size), wanted in zip(entries, expected, strict=True):
-        found = size
+        length = size
         if size == wanted:
             part = memoryview(data)[position : position + stored]
             try:
@@ -302,11 +302,11 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
                 values = decompressor.stream_reader(part, read_across_frames=True).read(wanted + 1)
             except zstandard.ZstdError as error:
                 raise _damaged(path, error) from None
-            found = len(values)
-        if found != wanted:
+            length = len(values)
+        if length != wanted:
             raise damaged(
                 "splat_file.unreadable",
-                f"the SPZ file is damaged (attribute {len(result)} has {found} bytes instead of {wanted})",
+                f"the SPZ file is damaged (attribute {len(result)} has {length} bytes instead of {wanted})",
                 path,
             )
         result.append(values)

@@ -229,7 +229,7 @@ def _values(path: Path, splats: Gaussians) -> dict[str, np.ndarray]:
     reach = 3 * scales.max(axis=1, keepdims=True)
     corners = (arrays["means"] - reach).min(axis=0), (arrays["means"] + reach).max(axis=0)
     values["extent"] = np.stack(corners).astype(np.float32)
-    return {name: np.ascontiguousarray(one) for name, one in values.items()}
+    return {name: np.ascontiguousarray(array) for name, array in values.items()}
 
 
 def _show_during(pxr: Any, prim: Any, frames: range, times: Sequence[float]) -> None:
@@ -326,15 +326,15 @@ class UsdFrames:
 
     def _time_codes(self) -> list[float]:
         """When something changes: splats, their transforms or their visibility."""
-        found: set[float] = set()
+        codes: set[float] = set()
         for prim in self._prims:
             for attribute in prim.GetAttributes():
-                found |= set(attribute.GetTimeSamples())
+                codes |= set(attribute.GetTimeSamples())
             while not prim.IsPseudoRoot():
-                found |= set(self._pxr.UsdGeom.Xformable(prim).GetTimeSamples())
-                found |= set(self._pxr.UsdGeom.Imageable(prim).GetVisibilityAttr().GetTimeSamples())
+                codes |= set(self._pxr.UsdGeom.Xformable(prim).GetTimeSamples())
+                codes |= set(self._pxr.UsdGeom.Imageable(prim).GetVisibilityAttr().GetTimeSamples())
                 prim = prim.GetParent()
-        return sorted(found) if found else [self._stage.GetStartTimeCode()]
+        return sorted(codes) if codes else [self._stage.GetStartTimeCode()]
 
     def _visible(self, time: float) -> list[Any]:
         geometry = self._pxr.UsdGeom
@@ -381,13 +381,13 @@ class UsdFrames:
         coefficients = (degree + 1) ** 2
         quats = self._array(prim, "orientations", time)[:, [3, 0, 1, 2]]
         sh = self._array(prim, _SH, time)
-        found = {
+        counts = {
             "orientations": (len(quats), len(means)),
             "scales": (len(scales := self._array(prim, "scales", time)), len(means)),
             "opacities": (len(opacities := self._array(prim, "opacities", time)), len(means)),
             _SH: (len(sh), coefficients * len(means)),
         }
-        for name, (count, expected) in found.items():
+        for name, (count, expected) in counts.items():
             if count != expected:
                 raise self._error(f"{name} has {count} values; {len(means)} positions need {expected}", prim)
         with np.errstate(divide="ignore", invalid="ignore"):

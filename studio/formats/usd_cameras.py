@@ -18,14 +18,14 @@ def read_cameras(path: Path, width: int, height: int) -> dict[str, dict[int, Cam
     """Cameras of a file, y up and meters, by name and time code; one that stands still has one camera."""
     pxr = usd()
     stage = opened_stage(pxr, path)
-    found = {}
+    cameras = {}
     for prim in stage.Traverse():
         if prim.IsA(pxr.UsdGeom.Camera):
-            name = prim.GetName() if prim.GetName() not in found else str(prim.GetPath())
-            found[name] = {time: _camera(pxr, stage, path, prim, time, width) for time in _times(pxr, path, prim)}
-    if not found:
+            name = prim.GetName() if prim.GetName() not in cameras else str(prim.GetPath())
+            cameras[name] = {time: _camera(pxr, stage, path, prim, time, width) for time in _times(pxr, path, prim)}
+    if not cameras:
         raise StudioError("usd.no_camera", "there is no camera", file=path, fix="Export it with its camera.")
-    return found
+    return cameras
 
 
 def _times(pxr: Any, path: Path, prim: Any) -> list[int]:

@@ -70,10 +70,10 @@ def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.
     size = shape.camera.width, shape.camera.height
     volume = common.without(index, least)
     reduced = {frame: cv2.resize(mask, size, interpolation=cv2.INTER_AREA) for frame, mask in masks.items()}
-    found = {frame: _compare(shape, mask, volume, common.voxel) for frame, mask in reduced.items()}
+    errors = {frame: _compare(shape, mask, volume, common.voxel) for frame, mask in reduced.items()}
     now = _compare(shape, shape.mask, volume, common.voxel)
-    best = min(found, key=lambda frame: found[frame].error)
-    return best if found[best].missing < now.missing / 3 and found[best].error < now.error else None
+    best = min(errors, key=lambda frame: errors[frame].error)
+    return best if errors[best].missing < now.missing / 3 and errors[best].error < now.error else None
 
 
 @dataclass(frozen=True)
@@ -164,5 +164,5 @@ def _largest_box(area: np.ndarray, enlarged: float) -> tuple[int, int, int, int]
     if count == 1:
         return None
     left, top, width, height, _ = stats[1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())]
-    left, top, right, bottom = (round(enlarged * float(one)) for one in (left, top, left + width, top + height))
+    left, top, right, bottom = (round(enlarged * float(side)) for side in (left, top, left + width, top + height))
     return left, top, right, bottom

@@ -44,7 +44,7 @@ def color_points(
     """
     count = len(points)
     scores = np.zeros((best, count), np.float32)
-    found = np.zeros((best, count, 3), np.float32)
+    best_colors = np.zeros((best, count, 3), np.float32)
     for index, view in enumerate(views):
         camera: Camera = view.camera
         pixels, depth = camera.project(points)
@@ -73,12 +73,12 @@ def color_points(
         # Insert into the ranking and shift worse views down.
         for rank in range(best):
             better = score > scores[rank, candidates]
-            held_score, held_color = scores[rank, candidates], found[rank, candidates]
+            held_score, held_color = scores[rank, candidates], best_colors[rank, candidates]
             scores[rank, candidates] = np.where(better, score, held_score)
-            found[rank, candidates] = np.where(better[:, None], color, held_color)
+            best_colors[rank, candidates] = np.where(better[:, None], color, held_color)
             score = np.where(better, held_score, score)
             color = np.where(better[:, None], held_color, color)
-    values = np.where(scores[:, :, None] > 0, found, np.nan)
+    values = np.where(scores[:, :, None] > 0, best_colors, np.nan)
     colors = np.full((count, 3), 0.5, np.float32)
     lit = scores[0] > 0
     if lit.any():

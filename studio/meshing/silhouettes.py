@@ -114,14 +114,14 @@ def silhouettes(
     if len(views) < 2:
         problem = f"A visual hull needs at least two cameras, found {len(views)}"
         raise StudioError("hull.too_few_cameras", problem, value=len(views), fix="Add cameras.", expected=2)
-    found = []
+    shapes = []
     for index, view in enumerate(views):
-        found.append(_silhouette(view.camera, view.mask, max_pixels / len(views)))
+        shapes.append(_silhouette(view.camera, view.mask, max_pixels / len(views)))
         progress(index + 1, len(views))
-    if all(shape.box is None for shape in found):
+    if all(shape.box is None for shape in shapes):
         problem = f"The masks of all {len(views)} cameras are empty"
         raise StudioError("hull.empty_masks", problem, fix="Check capture.masks.", setting="capture.masks")
-    return found
+    return shapes
 
 
 def votes(shapes: list[Silhouette], points: torch.Tensor, slack: float) -> tuple[torch.Tensor, torch.Tensor]:

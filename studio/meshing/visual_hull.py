@@ -93,12 +93,12 @@ def _choose_min_views(shapes: list[Silhouette], settings: InitializeSettings, ti
     failure: StudioError | None = None
     for min_views in dict.fromkeys(min(len(shapes), max(2, round(share * len(shapes)))) for share in _VIEW_SHARES):
         try:
-            found = _zoom(shapes, settings, min_views, tick)
+            candidate = _zoom(shapes, settings, min_views, tick)
         except StudioError as error:
             failure = failure or error
             continue
-        if best is None or found.disagreement < best.disagreement - 0.01:
-            best = found
+        if best is None or candidate.disagreement < best.disagreement - 0.01:
+            best = candidate
         if best.uncovered < 0.04:
             break
     if best is None:
@@ -112,10 +112,10 @@ def _zoom(shapes: list[Silhouette], settings: InitializeSettings, min_views: int
     bounds = locate(shapes, settings.outvoted(len(shapes)), min_views, tick)
     for _ in range(4):
         hull, mesh = _carve_corrected(shapes, bounds, settings, min_views, tick, coarse=True)
-        found = hull.bounds()
-        if found is None:
+        own = hull.bounds()
+        if own is None:
             _raise_empty(shapes, bounds, min_views)
-        before, bounds = bounds, found
+        before, bounds = bounds, own
         if (bounds[1] - bounds[0]).max() > 0.7 * (before[1] - before[0]).max():
             break
     _, disagreement, uncovered = _compare(refined(mesh, _COARSE_FACES), shapes, tick)

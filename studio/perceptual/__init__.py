@@ -124,9 +124,9 @@ class Lpips:
             for number, layer in enumerate(self._layers):
                 planes = layer(planes)
                 if number in self._taps:
-                    one, other = planes / (planes.square().sum(1, keepdim=True).sqrt() + 1e-10)
+                    first, other = planes / (planes.square().sum(1, keepdim=True).sqrt() + 1e-10)
                     weights = self._linear[self._taps.index(number)].view(-1, 1, 1)
-                    distance += float((weights * (one - other).square()).sum(0).mean())
+                    distance += float((weights * (first - other).square()).sum(0).mean())
         return distance
 
 
@@ -149,7 +149,7 @@ def _loaded(network: Network, file: Path) -> dict[str, Tensor]:
     """The published weights. If `file` does not exist, it is downloaded and verified by its digest."""
     existed = file.is_file()
     try:
-        found = torch.hub.load_state_dict_from_url(
+        state = torch.hub.load_state_dict_from_url(
             network.url, model_dir=str(file.parent), map_location="cpu", check_hash=True, weights_only=True
         )
     except Exception as error:  # no network, disk full, no permission, truncated file, ...: unrelated exception types
@@ -160,9 +160,9 @@ def _loaded(network: Network, file: Path) -> dict[str, Tensor]:
         raise StudioError(
             "lpips.download_failed", problem, file=file, value=network.url, fix=fix, setting="evaluate.lpips"
         ) from None
-    if not isinstance(found, dict):
-        raise _unreadable(network, file, f"it contains a {type(found).__name__}")
-    return found
+    if not isinstance(state, dict):
+        raise _unreadable(network, file, f"it contains a {type(state).__name__}")
+    return state
 
 
 def _features(network: Network, state: dict[str, Tensor]) -> nn.Sequential:
@@ -175,13 +175,15 @@ def _features(network: Network, state: dict[str, Tensor]) -> nn.Sequential:
             continue
         layers += [nn.Conv2d(channels, layer[0], layer[1], layer[2], layer[3]), nn.ReLU()]
         channels = layer[0]
-    found = nn.Sequential(*layers).requires_grad_(False)
+    features = nn.Sequential(*layers).requires_grad_(False)
     prefix = "features."
     try:
-        found.load_state_dict({str(k).removeprefix(prefix): v for k, v in state.items() if str(k).startswith(prefix)})
+        features.load_state_dict(
+            {str(k).removeprefix(prefix): v for k, v in state.items() if str(k).startswith(prefix)}
+        )
     except RuntimeError as error:  # the message lists all missing names
         raise _unreadable(network, weights_file(network), str(error).splitlines()[-1].strip()[:200]) from None
-    return found
+    return features
 
 
 def _unreadable(network: Network, file: Path, reason: str) -> StudioError:
@@ -191,8 +193,8 @@ def _unreadable(network: Network, file: Path, reason: str) -> StudioError:
 
 def _published_digest(file: Path) -> str:
     """The first digits of the SHA-256 from the name of a published file, or ""."""
-    found = re.search(r"-([0-9a-f]{8,})\.[^.]+$", file.name)
-    return found[1] if found else ""
+    match = re.search(r"-([0-9a-f]{8,})\.[^.]+$", file.name)
+    return match[1] if match else ""
 
 
 def _first_line(error: Exception) -> str:

@@ -53,7 +53,7 @@ def play_headless(
         reader.index.group_of(start_frame)  # an error if there is no such frame
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
-        rates = [one.bandwidth for one in reader.manifest.renditions]
+        rates = [rendition.bandwidth for rendition in reader.manifest.renditions]
         rule = RateRule(rates) if reader.source.parallel > 1 and len(rates) > 1 else None
         stats: list[FrameStats] = []
         began = time.perf_counter()

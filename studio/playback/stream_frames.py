@@ -168,7 +168,7 @@ class StreamFrames:
         """The frame to begin with: the first after `after` that is not known to be damaged, or if that is late and the
         group of `frame` is there, or neither is, the beginning of that group."""
         index = self._reader.index
-        first = next((one for one in range(after + 1, frame) if self._error(one) is None), frame)
+        first = next((number for number in range(after + 1, frame) if self._error(number) is None), frame)
         group = index.group_of(frame)
         if index.starts[group] > first and (group in self._files or index.group_of(first) not in self._files):
             return index.starts[group]
@@ -218,11 +218,11 @@ class StreamFrames:
         if self._wanted is None:
             return
         wanted, count = self._wanted[0], self._reader.frame_count
-        for one in range(self._first(*self._wanted), wanted + AHEAD + 1):
-            frame = one % count if self._loop else one
+        for ahead in range(self._first(*self._wanted), wanted + AHEAD + 1):
+            frame = ahead % count if self._loop else ahead
             if frame >= count:
                 return
-            late = one < min(wanted, self._decoded_until)
+            late = ahead < min(wanted, self._decoded_until)
             if late or self._ready.get(frame) is not None:  # counts as a use: what is needed soon is dropped last
                 continue
             if frame not in self._pending and self._error(frame) is None:
@@ -312,7 +312,7 @@ class StreamFrames:
             left_out = self.skipped
             if bug is not None or self._unavailable > 1:
                 return  # twice in a row: the server is unreachable, not just a file
-            if sum(one.frame_count for one in left_out) >= self._reader.frame_count and not self._reader.live:
+            if sum(left.frame_count for left in left_out) >= self._reader.frame_count and not self._reader.live:
                 failure = nothing_playable("no frame of the stream can be played", left_out[0])
             else:
                 failure = LeftOut("playback.group_skipped", str(skipped), group=group)

@@ -101,8 +101,8 @@ class _Rasterize(torch.autograd.Function):
         d_image, d_alpha, d_depth = (None if g is None else g.detach().contiguous() for g in outputs[:3])
         # motion trains the means only, which takes fewer sums over the pixels of each splat
         gradients = [
-            torch.empty_like(one) if needed else None
-            for one, needed in zip(splats, ctx.needs_input_grad[:5], strict=True)
+            torch.empty_like(tensor) if needed else None
+            for tensor, needed in zip(splats, ctx.needs_input_grad[:5], strict=True)
         ]
         d_offsets = image.new_empty((len(splats[0]), 2)) if ctx.has_offsets and ctx.needs_input_grad[5] else None
         load_kernels().backward(

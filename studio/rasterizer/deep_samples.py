@@ -34,23 +34,23 @@ def deep_samples(
     ordered = seen[distances[seen].argsort(stable=True)]
     pixels, values = [], []
     for part in ordered.tensor_split(most):
-        there, found = _values(rasterize(splats[part.sort().values.to(splats.means.device)], camera))
+        there, rows = _values(rasterize(splats[part.sort().values.to(splats.means.device)], camera))
         pixels.append(there)
-        values.append(found)
-    at, found = np.concatenate(pixels), np.concatenate(values)
-    found[:, :4] = linear(found[None, :, :4])[0]
+        values.append(rows)
+    at, rows = np.concatenate(pixels), np.concatenate(values)
+    rows[:, :4] = linear(rows[None, :, :4])[0]
     # Splats are blended in sRGB; blending in linear light would give other colors.
     through, blended = np.ones((rendered.alpha.numel(), 1)), np.zeros((rendered.alpha.numel(), 3))
     ends = np.cumsum([len(there) for there in pixels])[:-1]
-    for there, rgba in zip(pixels, np.split(found[:, :4], ends), strict=True):
+    for there, rgba in zip(pixels, np.split(rows[:, :4], ends), strict=True):
         blended[there] += through[there] * rgba[:, :3]
         through[there] *= 1 - rgba[:, 3:]
     drawn, meant = _values(rendered)
     wanted = np.zeros_like(blended)
     wanted[drawn] = linear(meant[None, :, :4])[0, :, :3]
-    found[:, :3] *= np.divide(wanted, blended, out=np.ones_like(blended), where=blended > 1e-6)[at]
+    rows[:, :3] *= np.divide(wanted, blended, out=np.ones_like(blended), where=blended > 1e-6)[at]
     order = np.argsort(at, kind="stable")
-    return DeepSamples(at[order], found[order])
+    return DeepSamples(at[order], rows[order])
 
 
 def _values(rendered: Render) -> tuple[np.ndarray, np.ndarray]:

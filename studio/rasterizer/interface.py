@@ -95,9 +95,9 @@ def _choose(backend: str, device: torch.device) -> str:
 
 
 def _bad_shape(argument: str, expected: tuple[int, ...], tensor: Tensor) -> StudioError:
-    found = tuple(tensor.shape)
-    problem = f"{argument} has shape {found}; expected {expected}"
-    return StudioError("rasterizer.wrong_shape", problem, value=found, argument=argument, expected=expected)
+    own_shape = tuple(tensor.shape)
+    problem = f"{argument} has shape {own_shape}; expected {expected}"
+    return StudioError("rasterizer.wrong_shape", problem, value=own_shape, argument=argument, expected=expected)
 
 
 def _check_alike(argument: str, tensor: Tensor, means: Tensor) -> None:
@@ -239,7 +239,7 @@ def rasterize_views(
     if not means.dtype.is_floating_point:
         problem = f"splats must have a floating-point dtype, not {means.dtype}"
         raise StudioError("rasterizer.dtype", problem, value=str(means.dtype))
-    behind = [_background(one, camera, means) for one, camera in zip(backgrounds, cameras, strict=True)]
+    behind = [_background(color, camera, means) for color, camera in zip(backgrounds, cameras, strict=True)]
     if screen_offsets is not None:
         if screen_offsets.shape != (len(gaussians), 2):
             raise _bad_shape("screen_offsets", (len(gaussians), 2), screen_offsets)
@@ -262,8 +262,8 @@ def rasterize_views(
     if backend == "cpu":
         from v3studio.studio.rasterizer.cpu import rasterize_cpu
 
-        return [rasterize_cpu(gaussians, *one, screen_offsets) for one in both]
-    return [rasterize_reference(gaussians, *one, screen_offsets) for one in both]
+        return [rasterize_cpu(gaussians, *scene, screen_offsets) for scene in both]
+    return [rasterize_reference(gaussians, *scene, screen_offsets) for scene in both]
 
 
 def _background(background: Tensor | None, camera: Camera, means: Tensor) -> Tensor | None:

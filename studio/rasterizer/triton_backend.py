@@ -51,14 +51,14 @@ class Views:
         numbers = np.zeros((len(cameras), 32), np.float32)
         integers = numbers.view(np.int32)
         tiles = pixels = 0
-        for row, whole, one in zip(numbers, integers, cameras, strict=True):
-            row[:9], row[9:12], row[12:15] = np.ravel(one.rotation), one.translation, one.center
-            row[15:23] = one.fx, one.fy, one.cx, one.cy, *field_limits(one)
-            across, down = math.ceil(one.width / kernels.TILE), math.ceil(one.height / kernels.TILE)
-            whole[24:30] = tiles, one.width, one.height, across, down, pixels
-            tiles, pixels = tiles + across * down, pixels + one.width * one.height
+        for row, whole, camera in zip(numbers, integers, cameras, strict=True):
+            row[:9], row[9:12], row[12:15] = np.ravel(camera.rotation), camera.translation, camera.center
+            row[15:23] = camera.fx, camera.fy, camera.cx, camera.cy, *field_limits(camera)
+            across, down = math.ceil(camera.width / kernels.TILE), math.ceil(camera.height / kernels.TILE)
+            whole[24:30] = tiles, camera.width, camera.height, across, down, pixels
+            tiles, pixels = tiles + across * down, pixels + camera.width * camera.height
         frames = _uploaded(integers.tobytes(), device)
-        sizes = tuple((one.width, one.height) for one in cameras)
+        sizes = tuple((camera.width, camera.height) for camera in cameras)
         return cls(sizes, tiles, pixels, frames.view(torch.float32), frames)
 
 
@@ -153,7 +153,7 @@ class _Draw(torch.autograd.Function):
         *splats, table, index, transmittance, last = ctx.saved_tensors
         means, quats, log_scales, logits, sh = splats
         count, coefficients, colors = len(means), sh.shape[1], ctx.needs_input_grad[-1]
-        found = [torch.empty_like(tensor) for tensor in (means, quats, log_scales, logits)]
+        d_splats = [torch.empty_like(tensor) for tensor in (means, quats, log_scales, logits)]
         d_sh = torch.empty_like(sh) if colors else means.new_empty(0)
         d_offsets = means.new_empty((count, 2))
         if count:
@@ -171,13 +171,13 @@ class _Draw(torch.autograd.Function):
                 if len(table):
                     kernels.sum_pairs[(len(table),)](d_pairs, tiles.ends, d_table, num_warps=1, enable_fp_fusion=True)
                 kernels.project_splats_backward[(math.ceil(count / kernels.BLOCK),)](
-                    *splats, views.cameras, ranks, d_table, *found, d_sh, d_offsets,
+                    *splats, views.cameras, ranks, d_table, *d_splats, d_sh, d_offsets,
                     count, len(views.sizes), dilation,
                     COEFFICIENTS=coefficients, PADDED=1 << (coefficients - 1).bit_length(), COLORS=colors,
                     num_warps=PROJECT_WARPS,
                 )  # fmt: skip
         by_offsets = d_offsets if ctx.needs_input_grad[2] else None
-        return None, None, by_offsets, *found, d_sh if colors else None
+        return None, None, by_offsets, *d_splats, d_sh if colors else None
 
 
 def rasterize_triton(

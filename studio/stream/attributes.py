@@ -43,21 +43,21 @@ def _logit(opacities: np.ndarray) -> np.ndarray:
 def to_ycocg(colors: np.ndarray) -> np.ndarray:
     """Luma, orange and green chroma of red, green and blue, which alternate in the rows of (..., 3K, N)."""
     red, green, blue = (colors[..., row::3, :] for row in range(3))
-    found = np.empty_like(colors)
-    found[..., 0::3, :] = (red + 2 * green + blue) / 4
-    found[..., 1::3, :] = (red - blue) / 2
-    found[..., 2::3, :] = (2 * green - red - blue) / 4
-    return found
+    converted = np.empty_like(colors)
+    converted[..., 0::3, :] = (red + 2 * green + blue) / 4
+    converted[..., 1::3, :] = (red - blue) / 2
+    converted[..., 2::3, :] = (2 * green - red - blue) / 4
+    return converted
 
 
 def from_ycocg(values: np.ndarray) -> np.ndarray:
     """Inverse of `to_ycocg`."""
     luma, orange, green = (values[..., row::3, :] for row in range(3))
-    found = np.empty_like(values)
-    found[..., 0::3, :] = luma + orange - green
-    found[..., 1::3, :] = luma + green
-    found[..., 2::3, :] = luma - orange - green
-    return found
+    colors = np.empty_like(values)
+    colors[..., 0::3, :] = luma + orange - green
+    colors[..., 1::3, :] = luma + green
+    colors[..., 2::3, :] = luma - orange - green
+    return colors
 
 
 QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
@@ -149,7 +149,7 @@ def value_bounds(name: str) -> tuple[float, float]:
 def components(sh_degree: int) -> tuple[tuple[str, Attribute], ...]:
     """Names of all components, such as mean_x, sh_0_r, opacity, log_scale_0 and quat_w, each with its attribute, in the
     order of the manifest. SH are coefficient-major."""
-    return tuple((name, BY_NAME[one]) for one, names in _names("planes", sh_degree) for name in names)
+    return tuple((name, BY_NAME[attribute]) for attribute, names in _names("planes", sh_degree) for name in names)
 
 
 def channels(sh_degree: int) -> tuple[str, ...]:

@@ -60,19 +60,19 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
     first: Gaussians | None = None
     shape: tuple[int, int] | None = None
     for number, frame in enumerate(frames):
-        found = (len(frame), frame.sh_degree)
+        own_shape = (len(frame), frame.sh_degree)
         first = frame if first is None else first
         if shape is None:
-            shape = found
+            shape = own_shape
             if len(frame) == 0:
                 raise StudioError("bake.no_splats", "the keyframe has no splats", fix="Train the group again.")
-        if found != shape:
+        if own_shape != shape:
             problem = (
-                f"frame {number} of the group has {found[0]} splats of SH degree {found[1]}, but its keyframe has "
-                f"{shape[0]} of degree {shape[1]}"
+                f"frame {number} of the group has {own_shape[0]} splats of SH degree {own_shape[1]}, but its keyframe "
+                f"has {shape[0]} of degree {shape[1]}"
             )
             fix = "Train the group again, or split it."
-            raise StudioError("bake.mixed_frames", problem, value=found, fix=fix, frame=number, expected=shape)
+            raise StudioError("bake.mixed_frames", problem, value=own_shape, fix=fix, frame=number, expected=shape)
         if frame.dilation != first.dilation:
             problem = (
                 f"frame {number} of the group has a dilation of {frame.dilation:g} square pixels, but its "
@@ -126,5 +126,8 @@ def component_gaussians(values: np.ndarray, sh_degree: int, dilation: float) -> 
     quats[none] = (1, 0, 0, 0)
     arrays["opacities"][none] = 0
     size = values.shape[1], sh_degree
-    found = {one.tensor: one.inverse(arrays[one.name]).reshape(one.tensor_shape(*size)) for one in ATTRIBUTES}
-    return Gaussians(**{name: torch.from_numpy(array) for name, array in found.items()}, dilation=dilation)
+    columns = {
+        attribute.tensor: attribute.inverse(arrays[attribute.name]).reshape(attribute.tensor_shape(*size))
+        for attribute in ATTRIBUTES
+    }
+    return Gaussians(**{name: torch.from_numpy(array) for name, array in columns.items()}, dilation=dilation)

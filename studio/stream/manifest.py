@@ -145,8 +145,8 @@ class FileEntry(Model):
 
     @model_validator(mode="after")
     def _check_path(self) -> FileEntry:
-        found = _PATH.fullmatch(self.path)
-        named = found is not None and found[1] == self.sha256[:NAME_DIGITS]
+        match = _PATH.fullmatch(self.path)
+        named = match is not None and match[1] == self.sha256[:NAME_DIGITS]
         _require(named, "path_not_hash", f"{self.path[:200]!r} is not named by the file's SHA-256")
         return self
 
@@ -306,8 +306,8 @@ class PlanesRendition(Rendition):
         _require(self.side == side, "plane_side", f"side is {self.side}; {self.splats} splats require {side}")
         wanted = components(self.sh_degree)
         names = tuple(name for name, _ in wanted)
-        found = tuple(entry.name for entry in self.components)
-        _require(found == names, "components", f"components do not match SH degree {self.sh_degree} and its order")
+        own_names = tuple(entry.name for entry in self.components)
+        _require(own_names == names, "components", f"components do not match SH degree {self.sh_degree} and its order")
         for entry, (_, attribute) in zip(self.components, wanted, strict=True):
             parts = tuple(plane.part for plane in entry.planes)
             allowed = (("all",),) if attribute.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
@@ -385,8 +385,8 @@ class MotionRendition(Rendition):
     def _check(self) -> MotionRendition:
         tile = tile_side(self.splats)
         _require(self.tile == tile, "tile_side", f"tile is {self.tile}; {self.splats} splats require {tile}")
-        wanted, found = channels(self.sh_degree), tuple(entry.name for entry in self.channels)
-        _require(found == wanted, "channels", f"channels do not match SH degree {self.sh_degree} and its order")
+        wanted, own_names = channels(self.sh_degree), tuple(entry.name for entry in self.channels)
+        _require(own_names == wanted, "channels", f"channels do not match SH degree {self.sh_degree} and its order")
         enough = self.columns * self.rows >= len(wanted)
         grid = f"{self.columns} x {self.rows} tiles"
         _require(enough, "tile_count", f"{grid} cannot hold {len(wanted)} channels")
@@ -445,12 +445,13 @@ class GroupEntry(Model):
     @model_validator(mode="after")
     def _check(self) -> GroupEntry:
         frames = (self.index, self.first_frame, self.frame_count)
-        for one in self.renditions:
+        for rendition in self.renditions:
             _require(
-                (one.index, one.first_frame, one.frame_count) == frames,
+                (rendition.index, rendition.first_frame, rendition.frame_count) == frames,
                 "rendition_frames",
-                f"rendition {one.id} of group {self.index} has index {one.index}, {one.frame_count} frames from "
-                f"frame {one.first_frame} on; the group has {self.frame_count} from frame {self.first_frame} on",
+                f"rendition {rendition.id} of group {self.index} has index {rendition.index}, {rendition.frame_count} "
+                f"frames from frame {rendition.first_frame} on; the group has {self.frame_count} from frame "
+                f"{self.first_frame} on",
             )
         return self
 
@@ -467,7 +468,7 @@ class GroupEntry(Model):
     @property
     def files(self) -> tuple[FileEntry, ...]:
         """Files of all renditions, each once."""
-        return tuple({file.path: file for one in self.renditions for file in one.files}.values())
+        return tuple({file.path: file for rendition in self.renditions for file in rendition.files}.values())
 
     @classmethod
     def from_dict(cls, values: JsonObject) -> GroupEntry:
@@ -543,7 +544,11 @@ class Manifest(Model):
         depth = 0
         while level:
             _require(depth <= MAX_FREE_DEPTH, "free_form", f"nested more than {MAX_FREE_DEPTH} levels deep")
-            nested = (one.values() if isinstance(one, dict) else one for one in level if isinstance(one, dict | list))
+            nested = (
+                nested_item.values() if isinstance(nested_item, dict) else nested_item
+                for nested_item in level
+                if isinstance(nested_item, dict | list)
+            )
             level, depth = [item for items in nested for item in items], depth + 1
         _require(len(compact(value)) <= MAX_FREE_BYTES, "free_form", f"more than {MAX_FREE_BYTES} bytes")
         return value
@@ -555,7 +560,7 @@ class Manifest(Model):
         known = self.codec.name in profile.codecs
         choices = " or ".join(profile.codecs)
         _require(known, "codec", f"profile {self.profile} requires codec {choices}, not {self.codec.name}")
-        ids = {one.id for one in self.renditions}
+        ids = {rendition.id for rendition in self.renditions}
         _require(len(ids) == len(self.renditions), "rendition_ids", "two renditions have the same id")
         self.check_groups(self.groups, 0, 0)
         counts = self.frame_counts
@@ -583,15 +588,17 @@ class Manifest(Model):
                 f"group {number} has index {group.index} and starts at frame {group.first_frame}; expected index "
                 f"{number} and frame {frame}",
             )
-            same = [one.id for one in group.renditions] == [one.id for one in self.renditions]
+            same = [rendition.id for rendition in group.renditions] == [rendition.id for rendition in self.renditions]
             _require(same, "rendition_ids", f"group {number} does not have the stream's renditions")
-            for one, stream in zip(group.renditions, self.renditions, strict=True):
-                where = f"rendition {one.id} of group {number}"
-                _require(isinstance(one, kind), "profile", f"{where} does not have the profile {self.profile}")
-                same = one.sh_degree == stream.sh_degree
-                _require(same, "sh_degree", f"{where} has SH degree {one.sh_degree}; expected {stream.sh_degree}")
-                fits = one.splats <= stream.splats
-                _require(fits, "rendition_splats", f"{where} has {one.splats} splats; at most {stream.splats} expected")
+            for rendition, stream in zip(group.renditions, self.renditions, strict=True):
+                where = f"rendition {rendition.id} of group {number}"
+                _require(isinstance(rendition, kind), "profile", f"{where} does not have the profile {self.profile}")
+                same = rendition.sh_degree == stream.sh_degree
+                _require(same, "sh_degree", f"{where} has SH degree {rendition.sh_degree}; expected {stream.sh_degree}")
+                fits = rendition.splats <= stream.splats
+                _require(
+                    fits, "rendition_splats", f"{where} has {rendition.splats} splats; at most {stream.splats} expected"
+                )
             number, frame = number + 1, group.end_frame
 
     @property
@@ -623,12 +630,14 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
     location = ".".join(str(part) for part in first["loc"] if part not in _TAGS)
     message, rule = violation(first), first["type"]
     value: str | None = None
-    found = ""
+    ending = ""
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InconsistentError):
         message, rule = str(cause), cause.rule
     elif rule != "missing":
         value = repr(first.get("input"))[:80]
-        found = f", found {value}"
-    problem = f"{location + (' ' if message.startswith(('must', 'is ')) else ': ') if location else ''}{message}{found}"
+        ending = f", found {value}"
+    problem = (
+        f"{location + (' ' if message.startswith(('must', 'is ')) else ': ') if location else ''}{message}{ending}"
+    )
     return StudioError("manifest.invalid", problem, file=file, value=value, fix=fix, location=location, rule=rule)

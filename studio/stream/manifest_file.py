@@ -113,7 +113,7 @@ def check_growth(old: Manifest, new: Manifest, name: str) -> None:
     kept = old.frame_counts
     fixed = ("profile", "fps", "scan", "codec")
     changed = [key for key in fixed if getattr(old, key) != getattr(new, key)]
-    if [one.id for one in old.renditions] != [one.id for one in new.renditions]:
+    if [rendition.id for rendition in old.renditions] != [rendition.id for rendition in new.renditions]:
         changed.append("renditions")
     same = all(before.files == after.files for before, after in zip(old.groups, new.groups, strict=False))
     if new.frame_counts[: len(kept)] != kept or ("renditions" not in changed and not same):

@@ -19,14 +19,14 @@ _TERMS = {"quats": "rotation", "scales": "scale", "opacities": "opacity", "sh": 
 
 def _columns(sh_degree: int) -> dict[str, slice]:
     """Columns of each term of the losses (paper, section 4.2), which count the first coefficient of SH as color."""
-    found, start = {}, 0
+    columns, start = {}, 0
     for name, term in _TERMS.items():
         count = len(BY_NAME[name].components)
-        found[term] = slice(start, start + count)
+        columns[term] = slice(start, start + count)
         start += count
     if sh_degree > 0:
-        found["sh"] = slice(start, start + len(BY_NAME["sh"].components) * ((sh_degree + 1) ** 2 - 1))
-    return found
+        columns["sh"] = slice(start, start + len(BY_NAME["sh"].components) * ((sh_degree + 1) ** 2 - 1))
+    return columns
 
 
 class _Fused(torch.autograd.Function):

@@ -32,13 +32,13 @@ def _quality(value: Any) -> int | str:
         return value
     if isinstance(value, str) and value.strip() in LEVELS:
         return value.strip()
-    found = _QUALITY.fullmatch(value.strip()) if isinstance(value, str) else None
-    if found is None or not 0 < float(found[1]) <= _MOST[found[2]]:
+    match = _QUALITY.fullmatch(value.strip()) if isinstance(value, str) else None
+    if match is None or not 0 < float(match[1]) <= _MOST[match[2]]:
         raise Conflict(
             f"must be a level ({', '.join(LEVELS)}), a PSNR such as 41 dB, a size such as 40 KB, or a QP from 0 to "
             f"{QP_MAX}"
         )
-    return f"{float(found[1]):g} {found[2]}"
+    return f"{float(match[1]):g} {match[2]}"
 
 
 Quality = Annotated[

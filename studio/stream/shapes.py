@@ -33,14 +33,14 @@ def shape_axes(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         matrix[row][column] = matrix[column][row] = values
     quats = np.zeros((shapes.shape[1], 4), dtype=shapes.dtype)
     quats[:, 0] = 1
-    one, two = shapes.dtype.type(1), shapes.dtype.type(2)
+    unit, two = shapes.dtype.type(1), shapes.dtype.type(2)
     for p, q, around, sign in _PAIRS * _SWEEPS:
         other, across = 3 - p - q, matrix[p][q]
         difference = matrix[q][q] - matrix[p][p]
         reach = np.abs(difference) + np.sqrt(difference * difference + (two * across) * (two * across))
         tangent = two * across / np.maximum(reach, np.finfo(np.float32).tiny)
         tangent = np.where(difference < 0, -tangent, tangent)
-        cosine = one / np.sqrt(one + tangent * tangent)
+        cosine = unit / np.sqrt(unit + tangent * tangent)
         sine = tangent * cosine
         matrix[p][p] = matrix[p][p] - tangent * across
         matrix[q][q] = matrix[q][q] + tangent * across
@@ -48,7 +48,7 @@ def shape_axes(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         first, second = matrix[other][p], matrix[other][q]
         matrix[other][p] = matrix[p][other] = cosine * first - sine * second
         matrix[other][q] = matrix[q][other] = sine * first + cosine * second
-        half = np.sqrt((one + cosine) / two)
+        half = np.sqrt((unit + cosine) / two)
         turn = np.zeros_like(quats)
         turn[:, 0] = half
         turn[:, around] = shapes.dtype.type(sign) * sine / (two * half)

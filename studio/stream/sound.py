@@ -46,16 +46,16 @@ class StreamSound:
         except self._errors as error:
             raise self._damaged(error) from None
         streams = self._container.streams
-        found = None
+        track = None
         if len(streams) == 1 and streams.audio and streams.audio[0].codec_context is not None:
             context = streams.audio[0].codec_context
-            found = (context.codec.canonical_name, context.sample_rate, context.layout.nb_channels)
+            track = (context.codec.canonical_name, context.sample_rate, context.layout.nb_channels)
         wanted = (entry.codec, entry.sample_rate, entry.channels)
-        if found != wanted:
+        if track != wanted:
             self._container.close()
-            words = "no single sound track" if found is None else _words(*found)
+            words = "no single sound track" if track is None else _words(*track)
             raise damaged(
-                "stream.wrong_sound", f"{words}; the manifest says {_words(*wanted)}", name, found, expected=wanted
+                "stream.wrong_sound", f"{words}; the manifest says {_words(*wanted)}", name, track, expected=wanted
             )
         self._pieces = self._decoded(0)
 
@@ -88,10 +88,10 @@ class StreamSound:
             if self._held:
                 start, piece = self._held.pop(0)
             else:
-                found = next(self._pieces, None)
-                if found is None:
+                decoded = next(self._pieces, None)
+                if decoded is None:
                     raise ValueError(f"it ends after {self._next} of {self.entry.samples} samples")
-                start, piece = found
+                start, piece = decoded
                 self._next = start + len(piece)
             end = start + len(piece)
             if start > reached:

@@ -172,16 +172,17 @@ class PlaneDecoder:
             context = stream.codec_context
             if context is None:  # a codec unknown to FFmpeg
                 raise ValueError("unknown codec")
-            found, found_size = context.codec.canonical_name, (context.width, context.height)
+            found_codec, found_size = context.codec.canonical_name, (context.width, context.height)
         except self._errors as error:
             self.close()
             raise damaged("stream.video_unreadable", f"not a readable MP4 video ({error})", name) from None
-        if found != codec or found_size != size:
+        if found_codec != codec or found_size != size:
             self.close()
             problem = (
-                f"{found} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of {size[0]}x{size[1]}"
+                f"{found_codec} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of "
+                f"{size[0]}x{size[1]}"
             )
-            raise damaged("stream.wrong_video", problem, name, (found, *found_size), expected=(codec, *size))
+            raise damaged("stream.wrong_video", problem, name, (found_codec, *found_size), expected=(codec, *size))
         if stream.frames > pictures:  # a group that costs more than its manifest promises
             count = stream.frames
             self.close()

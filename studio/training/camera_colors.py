@@ -60,7 +60,7 @@ def fit_camera_colors(
     extent = scene_extent(points)
     stepper = Stepper(views, settings, generator)
     optimizer = SplatOptimizer(initial_gaussians(points, colors, 0, settings.dilation), settings.rates, extent)
-    found = neutral().expand(len(views), 3, 4)
+    matrices = neutral().expand(len(views), 3, 4)
     for iteration in range(1, STEPS + 1):
         optimizer.set_means_progress(iteration / STEPS)
         gaussians = optimizer.gaussians
@@ -69,9 +69,9 @@ def fit_camera_colors(
         optimizer.step()
         progress(iteration, STEPS, **step.figures(iteration, "keyframe", len(gaussians)))
         if iteration % EVERY == 0:
-            found = camera_colors(optimizer.gaussians.detach(), views)
-            stepper.views = [view.with_color(matrix) for view, matrix in zip(views, found, strict=True)]
-    return found
+            matrices = camera_colors(optimizer.gaussians.detach(), views)
+            stepper.views = [view.with_color(matrix) for view, matrix in zip(views, matrices, strict=True)]
+    return matrices
 
 
 @torch.no_grad()
@@ -90,5 +90,5 @@ def camera_colors(gaussians: Gaussians, views: Sequence[TrainingView]) -> Tensor
         target, behind = view.over(black)
         target = target - (1 - render.alpha)[..., None] * behind
         matrices.append(fit_color(render.image, render.alpha, target, interior(view.mask), RIDGE).cpu())
-    found = torch.stack(matrices)
-    return found - found.mean(0) + neutral()
+    fitted = torch.stack(matrices)
+    return fitted - fitted.mean(0) + neutral()

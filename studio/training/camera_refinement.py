@@ -164,8 +164,8 @@ def refine_cameras(
     placed = [run.placement(view) for view in held_out]
     with_fixed = [run.placement(view) for view in held_out]
     calibrated = _psnr(fixed, held_out, with_fixed)
-    for view, one, other in zip(held_out, placed, with_fixed, strict=True):
-        run.align(refined, view, one)
+    for view, corrected, other in zip(held_out, placed, with_fixed, strict=True):
+        run.align(refined, view, corrected)
         run.align(fixed, view, other)
     corrections = _without_gauge([*run.placements, *placed], len(views))
     return RefinedCameras(
@@ -279,15 +279,15 @@ class _Run:
             self.optimizer.set_means_progress(self._at / (self.warm_up + self.steps))
             gaussians = self.optimizer.gaussians
             self._stepper.moved = (lambda splats, view: placed[id(view)](splats)) if refine else None
-            found = self._stepper(gaussians, dropout=True)
-            loss = regularized(found.loss, gaussians, self._settings, self._extent)
-            loss = loss + placed[id(found.view)].prior() if refine else loss
+            step_loss = self._stepper(gaussians, dropout=True)
+            loss = regularized(step_loss.loss, gaussians, self._settings, self._extent)
+            loss = loss + placed[id(step_loss.view)].prior() if refine else loss
             loss.backward()  # type: ignore[no-untyped-call]
             self.optimizer.step()
             if refine:
-                placed[id(found.view)].step(step / steps)
+                placed[id(step_loss.view)].step(step / steps)
             self._done += 1
-            self._progress(self._done, self._total, **found.figures(self._done, "camera", len(self.optimizer)))
+            self._progress(self._done, self._total, **step_loss.figures(self._done, "camera", len(self.optimizer)))
 
     def align(self, gaussians: Gaussians, view: TrainingView, place: _Placement) -> None:
         """Align a camera to splats, which stay."""
@@ -345,13 +345,13 @@ def _without_gauge(placements: Sequence[_Placement], count: int) -> list[Correct
         move = np.hstack([np.zeros((3, 3)), np.eye(3), -away[:, None]])
         rows.append(np.vstack([turn, move]))
         values.append(place.values[:6].detach().cpu().double().numpy())
-    found = np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=1e-9)[0]
-    length = float(np.linalg.norm(found[:3])) / 2
-    half = np.append(math.cos(length), found[:3] / 2 * (math.sin(length) / length if length > 0 else 1.0))
-    rotation, scale = quats_to_matrices(half), math.exp(float(found[6]))
-    common = Similarity(scale, rotation, middle + found[3:6] * radius - scale * (rotation @ middle))
+    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=1e-9)[0]
+    length = float(np.linalg.norm(solution[:3])) / 2
+    half = np.append(math.cos(length), solution[:3] / 2 * (math.sin(length) / length if length > 0 else 1.0))
+    rotation, scale = quats_to_matrices(half), math.exp(float(solution[6]))
+    common = Similarity(scale, rotation, middle + solution[3:6] * radius - scale * (rotation @ middle))
     corrections = [place.correction() for place in placements]
     zoom = float(np.mean([correction.zoom for correction in corrections[:count]]))
     return [
-        replace(one, moved=one.moved.after(common.inverse), zoom=(1 + one.zoom) / (1 + zoom) - 1) for one in corrections
+        replace(own, moved=own.moved.after(common.inverse), zoom=(1 + own.zoom) / (1 + zoom) - 1) for own in corrections
     ]

@@ -63,7 +63,7 @@ def _fused(kernels: Any, loss: CodedLoss, now: Tensor, seed: int) -> tuple[Tenso
         difference_weight, gradient, by_mu, by_sigma, kernel_threads(),
     )  # fmt: skip
     zeros = torch.zeros(len(mu), dtype=torch.float64)
-    by_mu, by_sigma = ((zeros.index_add(0, columns, one) * bits_weight).to(mu.dtype) for one in (by_mu, by_sigma))
+    by_mu, by_sigma = ((zeros.index_add(0, columns, slope) * bits_weight).to(mu.dtype) for slope in (by_mu, by_sigma))
     value = now.new_tensor(bits_weight * bits + difference_weight * difference)
     inputs, gradients = [now, loss.mu, loss.log_sigma], [gradient, by_mu, by_sigma * sigma]
     return with_gradients(value, inputs, gradients), now.new_tensor(bits / count)

@@ -46,18 +46,18 @@ class DetailBox:
 
 def detail_boxes(camera: Camera, details: Sequence[Detail]) -> tuple[DetailBox, ...]:
     """The boxes of the details that a camera sees; it may be behind other parts of the performer."""
-    found = []
-    for one in details:
-        pixels, depth = camera.project(np.array([one.center], np.float64))
-        if depth[0] <= one.radius:
+    boxes = []
+    for detail in details:
+        pixels, depth = camera.project(np.array([detail.center], np.float64))
+        if depth[0] <= detail.radius:
             continue
         x, y = pixels[0]
-        across, down = (focal * one.radius / depth[0] for focal in (camera.fx, camera.fy))
+        across, down = (focal * detail.radius / depth[0] for focal in (camera.fx, camera.fy))
         left, right = (int(np.clip(edge, 0, camera.width)) for edge in (np.floor(x - across), np.ceil(x + across)))
         top, bottom = (int(np.clip(edge, 0, camera.height)) for edge in (np.floor(y - down), np.ceil(y + down)))
         if left < right and top < bottom:
-            found.append(DetailBox(left, top, right, bottom, one.weight))
-    return tuple(found)
+            boxes.append(DetailBox(left, top, right, bottom, detail.weight))
+    return tuple(boxes)
 
 
 def detail_loss(
@@ -79,7 +79,7 @@ def detail_loss(
 def detail_weights(means: Tensor, details: Sequence[Detail]) -> Tensor:
     """(N,) weight of each of the (N, 3) means: that of the heaviest detail around it, 1 outside of all."""
     weights = torch.ones(len(means), dtype=means.dtype, device=means.device)
-    for one in details:
-        inside = (means.detach() - means.new_tensor(one.center)).norm(dim=-1) <= one.radius
-        weights = torch.where(inside, weights.clamp_min(one.weight), weights)
+    for detail in details:
+        inside = (means.detach() - means.new_tensor(detail.center)).norm(dim=-1) <= detail.radius
+        weights = torch.where(inside, weights.clamp_min(detail.weight), weights)
     return weights

@@ -66,17 +66,17 @@ def train_group(
 
 
 def _state(done: int, order: list[int], steppers: Sequence[Stepper], leaves: Leaves, adam: Adam) -> Checkpoint:
-    found = {
+    tensors = {
         "done": torch.tensor(done),
         "generator": steppers[0].generator.get_state(),
         "order": torch.tensor(order, dtype=torch.int64),
     }
     for index, stepper in enumerate(steppers):
-        found |= {f"stepper.{index}.{name}": value for name, value in stepper.state().items()}
+        tensors |= {f"stepper.{index}.{name}": value for name, value in stepper.state().items()}
     for name, leaf in leaves.items():
-        found[f"{name}.value"] = leaf.detach()
-        found |= {f"{name}.adam.{key}": value for key, value in adam.state.get(leaf, {}).items()}
-    return found
+        tensors[f"{name}.value"] = leaf.detach()
+        tensors |= {f"{name}.adam.{key}": value for key, value in adam.state.get(leaf, {}).items()}
+    return tensors
 
 
 def _restored(state: Checkpoint, steppers: Sequence[Stepper], leaves: Leaves, adam: Adam) -> tuple[int, list[int]]:

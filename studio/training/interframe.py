@@ -108,7 +108,7 @@ def _move(
     for iteration in range(1, iterations + 1):
         moved = replace(previous, means=start + field(corners))
         steps = stepper.several(moved, settings.motion_views)
-        torch.stack([one.loss for one in steps]).mean().backward()  # type: ignore[no-untyped-call]
+        torch.stack([step.loss for step in steps]).mean().backward()  # type: ignore[no-untyped-call]
         for group, rate in zip(optimizer.groups, rates, strict=True):
             group.rate = rate * rate_factor((iteration - 1) / iterations)
         optimizer.step()

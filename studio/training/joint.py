@@ -104,18 +104,18 @@ def train_jointly(
 
     generator = torch.Generator().manual_seed(seed)
     steppers = [Stepper(seen, settings, generator) for seen in views]
-    for one, stepper in zip(frames, steppers, strict=True):
-        Refinement(stepper, settings, keyframe_off or 0.0).begin(one.detach())
+    for frame_splats, stepper in zip(frames, steppers, strict=True):
+        Refinement(stepper, settings, keyframe_off or 0.0).begin(frame_splats.detach())
     start, steps = _start(frames, parts, settings.rates, extent), joint_steps(settings, len(frames))
     del frames  # copies, which would stay in memory
     leaves = train_group(steppers, start, gaussians, loss, steps, "joint", progress, checkpoint, resume)
-    found: list[Gaussians] = []
+    trained: list[Gaussians] = []
     for part in sorted(set(parts)):
         same = [frame for frame, own in enumerate(parts) if own == part]
         middle = same[len(same) // 2]
         sh = settled_colors(gaussians(leaves, middle).detach(), [view.camera for view in views[middle]])
-        found += [replace(gaussians(leaves, frame).detach().clone(), sh=sh.clone()) for frame in same]
-    return found
+        trained += [replace(gaussians(leaves, frame).detach().clone(), sh=sh.clone()) for frame in same]
+    return trained
 
 
 def splats_needed(frames: Sequence[Gaussians], views: Sequence[Sequence[TrainingView]]) -> Tensor:
@@ -132,18 +132,18 @@ def _start(
     frames: Sequence[Gaussians], parts: Sequence[int], rates: LearningRates, extent: float
 ) -> dict[str, tuple[Tensor, float]]:
     """What is trained: what the frames of a part share as "sh_dc.1", means and quats of a frame as "means.3"."""
-    found = {}
+    start = {}
     for part in sorted(set(parts)):
         same = [frame for frame, own in zip(frames, parts, strict=True) if own == part]
         sh = _mean(same, "sh")
-        found[f"log_scales.{part}"] = (_mean(same, "log_scales"), rates.scale)
-        found[f"logit_opacities.{part}"] = (_mean(same, "logit_opacities"), rates.opacity)
-        found[f"sh_dc.{part}"] = (sh[:, :1], rates.sh_dc)
-        found[f"sh_rest.{part}"] = (sh[:, 1:], rates.sh_rest)
+        start[f"log_scales.{part}"] = (_mean(same, "log_scales"), rates.scale)
+        start[f"logit_opacities.{part}"] = (_mean(same, "logit_opacities"), rates.opacity)
+        start[f"sh_dc.{part}"] = (sh[:, :1], rates.sh_dc)
+        start[f"sh_rest.{part}"] = (sh[:, 1:], rates.sh_rest)
     for number, frame in enumerate(frames):
-        found[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * extent)
-        found[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
-    return found
+        start[f"means.{number}"] = (frame.means, MEANS_FINETUNE_RATE * extent)
+        start[f"quats.{number}"] = (frame.unit_quats, rates.rotation)
+    return start
 
 
 def _mean(frames: Sequence[Gaussians], name: str) -> Tensor:

@@ -20,11 +20,11 @@ class _Known(torch.autograd.Function):
         gradients: Sequence[Tensor | None] = ctx.saved_tensors
         # the number on a GPU would have to be waited for
         same = not upstream.dim() and upstream.device.type == "cpu" and float(upstream) == 1.0
-        return None, None, *(one if one is None or same else one * upstream for one in gradients)
+        return None, None, *(gradient if gradient is None or same else gradient * upstream for gradient in gradients)
 
 
 def with_gradients(value: Tensor, inputs: Sequence[Tensor], gradients: Sequence[Tensor | None]) -> Tensor:
     """`value`, differentiable with respect to `inputs`, whose gradients are these times what comes from upstream: of a
     scalar, or element by element. None: not known, for inputs that need none."""
-    found: Tensor = _Known.apply(value, gradients, *inputs)
-    return found
+    output: Tensor = _Known.apply(value, gradients, *inputs)
+    return output

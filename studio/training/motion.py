@@ -66,7 +66,7 @@ class _Fused(torch.autograd.Function):
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
         table, weights, biases, _ = ctx.network
         d_table = torch.empty_like(table)
-        d_weights, d_biases = [torch.empty_like(one) for one in weights], [torch.empty_like(one) for one in biases]
+        d_weights, d_biases = [[torch.empty_like(layer) for layer in layers] for layers in (weights, biases)]
         ctx.kernels.field_backward(
             ctx.field_pass, *ctx.inputs, *ctx.network, upstream[0].contiguous(), d_table, d_weights, d_biases,
             kernel_threads(),

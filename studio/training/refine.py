@@ -47,9 +47,9 @@ def drawn_mask(gaussians: Gaussians, view: TrainingView) -> Tensor:
 def outlines_off(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> float:
     """Percent of the outlines of the views' masks that are more than a pixel from those of `drawn`, (H, W) each."""
     off = length = 0
-    for one, view in zip(drawn, views, strict=True):
+    for mask, view in zip(drawn, views, strict=True):
         outline = _outline(view.mask)
-        off += int((outline & ~_widened(_outline(one))).sum())
+        off += int((outline & ~_widened(_outline(mask))).sum())
         length += int(outline.sum())
     return 100 * off / max(1, length)
 
@@ -57,7 +57,7 @@ def outlines_off(drawn: Sequence[Tensor], views: Sequence[TrainingView]) -> floa
 def _refined(gaussians: Gaussians, view: TrainingView, mask: Tensor) -> TrainingView:
     """A view with its rendered mask, and with others in its views of details."""
     refined = view.with_mask(mask)
-    refined.closer = tuple(one and one.with_mask(drawn_mask(gaussians, one)) for one in view.closer)
+    refined.closer = tuple(closer and closer.with_mask(drawn_mask(gaussians, closer)) for closer in view.closer)
     return refined
 
 
@@ -137,13 +137,13 @@ class Refinement:
 
     def _decide(self, drawn: list[Tensor]) -> None:
         self.off = outlines_off(drawn, self._stepper.views)
-        found = self._keyframe_off is None or self.off < _MOVED_OFF * self._keyframe_off
-        self.refined = self._wanted and (found or self._settings.refine_masks == "always")
+        improved = self._keyframe_off is None or self.off < _MOVED_OFF * self._keyframe_off
+        self.refined = self._wanted and (improved or self._settings.refine_masks == "always")
 
     def _set(self, gaussians: Gaussians, drawn: list[Tensor]) -> None:
         stepper = self._stepper
         if self.refined:
-            stepper.views = [_refined(gaussians, view, one) for view, one in zip(stepper.views, drawn, strict=True)]
+            stepper.views = [_refined(gaussians, view, mask) for view, mask in zip(stepper.views, drawn, strict=True)]
         self._splats = gaussians.clone()
         stepper.chroma_shift = self.chroma_shift
 
@@ -194,10 +194,10 @@ def chroma_shift(gaussians: Gaussians, views: Sequence[TrainingView], siting: st
             black = torch.zeros(3, device=view.device)
             target, behind = view.over(black)
             image = rasterize(gaussians, view.camera, behind).image
-            for one in SITINGS:
-                drawn = resampled(image, view.chroma, _shift_of(view, one))
-                errors[one] += float((drawn - target).square().sum())
-    return _shift_of(sampled[0], min(SITINGS, key=lambda one: errors[one]))
+            for candidate in SITINGS:
+                drawn = resampled(image, view.chroma, _shift_of(view, candidate))
+                errors[candidate] += float((drawn - target).square().sum())
+    return _shift_of(sampled[0], min(SITINGS, key=lambda siting: errors[siting]))
 
 
 def _shift_of(view: TrainingView, siting: Siting) -> float:

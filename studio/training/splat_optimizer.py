@@ -89,12 +89,12 @@ class SplatOptimizer:
 
     def state(self) -> dict[str, Tensor]:
         """All values and Adam moments by name, for `restore`."""
-        found = {}
+        tensors = {}
         for name, leaf in self._leaves.items():
-            found[f"{name}.value"] = leaf.detach()
+            tensors[f"{name}.value"] = leaf.detach()
             for key, moment in self._adam.state.get(leaf, {}).items():
-                found[f"{name}.{key}"] = moment
-        return found
+                tensors[f"{name}.{key}"] = moment
+        return tensors
 
     @torch.no_grad()
     def restore(self, state: dict[str, Tensor]) -> None:

@@ -53,8 +53,8 @@ class Step:
             problem = f"{phase} training diverged: the loss is {float(self.loss)}"
             fix = "Lower the learning rates (train.rates), or check the images and masks"
             raise StudioError("training.diverged", problem, value=float(self.loss), fix=fix, phase=phase)
-        found = float(psnr(self.image.detach(), self.target))
-        return {"loss": float(self.loss.detach()), "psnr": found, "splats": splats}
+        own_psnr = float(psnr(self.image.detach(), self.target))
+        return {"loss": float(self.loss.detach()), "psnr": own_psnr, "splats": splats}
 
 
 class Stepper:
@@ -106,7 +106,7 @@ class Stepper:
         cameras, behind = [view.camera for view, _ in seen], [behind for _, behind in over]
         renders = rasterize_views(gaussians, cameras, behind, screen_offsets=screen_offsets)
         drawn = zip(seen, over, renders, strict=True)
-        return [self._step(gaussians, *one, *images, render) for one, images, render in drawn]
+        return [self._step(gaussians, *view, *images, render) for view, images, render in drawn]
 
     def _step(
         self,

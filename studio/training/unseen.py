@@ -27,11 +27,11 @@ def cameras_that_see(gaussians: Gaussians, cameras: Sequence[Camera]) -> np.ndar
     scales = gaussians.scales.double().sort(-1).values
     means = gaussians.means.double().cpu().numpy()
     whole = (2 * torch.pi * scales[:, 1] * scales[:, 2] * gaussians.opacities).cpu().numpy()
-    found = np.zeros(len(gaussians))
+    seen = np.zeros(len(gaussians))
     for camera in cameras:
         size = camera.project(means)[1].clip(0) / camera.fx  # of a pixel there; what is behind the camera has none
-        found += contribution(gaussians, [camera]).cpu().numpy() * size**2
-    return found / np.maximum(whole, np.finfo(np.float64).tiny)
+        seen += contribution(gaussians, [camera]).cpu().numpy() * size**2
+    return seen / np.maximum(whole, np.finfo(np.float64).tiny)
 
 
 def settled_colors(gaussians: Gaussians, cameras: Sequence[Camera]) -> Tensor:
@@ -45,7 +45,7 @@ def settled_colors(gaussians: Gaussians, cameras: Sequence[Camera]) -> Tensor:
     weights = own[around] + 1e-3
     weights = ((1 - own) / weights.sum(1))[:, None] * weights
     given = gaussians.sh.flatten(1).cpu().double().numpy()
-    found = given
+    settled = given
     for _ in range(_ROUNDS):
-        found = own[:, None] * given + np.einsum("nk,nkc->nc", weights, found[around])
-    return torch.from_numpy(found).to(gaussians.sh).reshape(gaussians.sh.shape)
+        settled = own[:, None] * given + np.einsum("nk,nkc->nc", weights, settled[around])
+    return torch.from_numpy(settled).to(gaussians.sh).reshape(gaussians.sh.shape)

@@ -194,9 +194,9 @@ class TrainingView:
             if not (large.mask[top:bottom, left:right] > 127).any():
                 return None
             size = (left, top, right - left, bottom - top)
-            found = TrainingView.from_view(large, self.device, None, use_plate, chroma, size)
-            found.color = self.color
-            return found
+            closer_view = TrainingView.from_view(large, self.device, None, use_plate, chroma, size)
+            closer_view.color = self.color
+            return closer_view
 
         return self._with(closer=tuple(of(box) for box in self.detail_boxes))
 

@@ -54,13 +54,13 @@ class GroupDecoder(ABC):
 def check_luma(video: VideoEntry | PlaneEntry, index: int, luma: np.ndarray, name: str) -> None:
     """Compare image `index` (0-based) of a video, contiguous uint8 luma, with its check, if it has one."""
     for check in video.checks:
-        if check.picture == index and (found := zlib.crc32(luma.data)) != check.crc32:
+        if check.picture == index and (crc32 := zlib.crc32(luma.data)) != check.crc32:
             raise StudioError(
                 "stream.wrong_luma",
                 f"picture {index} decodes to other values than the manifest says: the decoder is not exact, or the "
                 "manifest is wrong",
                 file=f"{name}/{video.path}",
-                value=found,
+                value=crc32,
                 fix="Bake the stream again; if that does not help, install PyAV from PyPI.",
                 expected=check.crc32,
                 picture=index,

@@ -44,8 +44,8 @@ class GroupTables:
         self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
         self._steps = np.array([entry.step for entry in group.channels], dtype=np.float32)
         self._offsets = np.array([entry.offset - 128 * entry.step for entry in group.channels], dtype=np.float32)
-        rows = attribute_rows("motion", group.sh_degree)
-        self._read = np.concatenate([np.arange(rows[name].start, rows[name].stop) for name in _KERNEL])
+        read = [attribute_rows("motion", group.sh_degree)[name] for name in _KERNEL]
+        self._read = np.concatenate([np.arange(part.start, part.stop) for part in read])
         self._inputs = {  # as the kernel takes them
             "pixels": self.pixels.astype(np.int32),
             "first": np.array(self.first, dtype=np.int64)[self._read],

@@ -247,14 +247,14 @@ def _stored(
 def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int) -> tuple[dict[str, int], ...]:
     """CRC-32 of the decoded luma of the first and of the middle image of a video, as in the manifest."""
     wanted = sorted({0, frame_count // 2})
-    found = []
+    checks = []
     picture = np.empty(size[::-1], dtype=np.uint8)
     with closing(PlaneDecoder(data, "baking", size, frame_count, codec)) as decoder:
         for index in range(wanted[-1] + 1):
             decoder.read(picture)
             if index in wanted:
-                found.append({"picture": index, "crc32": zlib.crc32(picture.data)})
-    return tuple(found)
+                checks.append({"picture": index, "crc32": zlib.crc32(picture.data)})
+    return tuple(checks)
 
 
 def _reduced(

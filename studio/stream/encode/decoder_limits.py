@@ -11,11 +11,11 @@ MAX_MACROBLOCK_RATE = 983_040  # MaxMBPS of level 5.1: macroblocks per second
 def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
     """One warning for each rendition that hardware decoders of H.264 may refuse when it plays at `fps`; none for other
     codecs, and for the profile `planes`, whose lossless planes are decoded in software anyway."""
-    found = []
-    for one in group.renditions:
-        if codec != "h264" or not isinstance(one, MotionRendition):
+    messages = []
+    for rendition in group.renditions:
+        if codec != "h264" or not isinstance(rendition, MotionRendition):
             continue
-        width, height = one.size
+        width, height = rendition.size
         macroblocks = (width // 16) * (height // 16)
         problem = fix = ""
         if max(width, height) > MAX_SIDE or macroblocks > MAX_MACROBLOCKS:
@@ -24,11 +24,11 @@ def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
         elif macroblocks * fps > MAX_MACROBLOCK_RATE:
             problem = f"{width}x{height} at {fps:g} frames per second exceeds level 5.1"
             fix = "Train fewer splats or a lower SH degree, or add a rung with fewer splats."
-        elif one.pruning != "none" and one.video.qp == 0:
+        elif rendition.pruning != "none" and rendition.video.qp == 0:
             problem = "QP 0 (lossless) has the profile High 4:4:4 Predictive"
             fix = "Raise the rung's qp to 1."
         if problem:
-            problem = f"hardware decoders may refuse rendition {one.id} of group {group.index}: {problem}"
-            fields = {"rendition": one.id, "group": group.index, "size": [width, height], "fps": fps}
-            found.append(Message("bake.beyond_hardware", problem, fix=fix, fields=fields))
-    return found
+            problem = f"hardware decoders may refuse rendition {rendition.id} of group {group.index}: {problem}"
+            fields = {"rendition": rendition.id, "group": group.index, "size": [width, height], "fps": fps}
+            messages.append(Message("bake.beyond_hardware", problem, fix=fix, fields=fields))
+    return messages

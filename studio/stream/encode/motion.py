@@ -104,8 +104,8 @@ class MotionBake:
                 own = quat_multiply(quat_conjugate(turned)[self._labels], own)
             shapes[frame] = shapes_of(own, scales.T)
         moving = ("means", "quats", "scales")
-        others = {one.name: one.to_channels(parts[one.name]) for one in ATTRIBUTES if one.name not in moving}
-        return {"scales": shapes, **others}
+        others = [attribute for attribute in ATTRIBUTES if attribute.name not in moving]
+        return {"scales": shapes} | {other.name: other.to_channels(parts[other.name]) for other in others}
 
     def write(
         self,

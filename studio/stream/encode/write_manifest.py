@@ -78,7 +78,7 @@ def write_manifest(
     if not (math.isfinite(fps) and fps > 0):
         raise StudioError("bake.manifest_invalid", f"fps is {fps}; it must be above 0", file=path, value=fps)
     _check_present(directory, groups, audio)
-    box = reduce(Box.union, (one.bounding_box for group in groups for one in group.renditions))
+    box = reduce(Box.union, (rendition.bounding_box for group in groups for rendition in group.renditions))
     sizes = [len(group.to_bytes()) for group in groups]
     inline = _fitting(sizes, 0, INLINE_BYTES)
     try:
@@ -106,8 +106,8 @@ def write_manifest(
         kept = _live_pages(path)
         _replace_manifest(path, data, wanted)
     except (ValueError, TypeError) as error:
-        found = invalid(error, "", "").problem if isinstance(error, ValidationError) else error
-        raise StudioError("bake.manifest_invalid", f"the manifest is invalid ({found})", file=path) from None
+        reason = invalid(error, "", "").problem if isinstance(error, ValidationError) else error
+        raise StudioError("bake.manifest_invalid", f"the manifest is invalid ({reason})", file=path) from None
     except OSError as error:
         problem = f"the manifest cannot be written ({error.strerror or error})"
         raise StudioError("bake.write_failed", problem, file=path) from None
@@ -155,31 +155,35 @@ def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], 
 
 
 def _renditions(groups: Sequence[GroupEntry], fps: float) -> tuple[RenditionEntry, ...]:
-    found = []
+    entries = []
     for column in zip(*(group.renditions for group in groups), strict=True):
-        measured = [one for one in column if one.psnr_to_trained is not None]
-        frames = sum(one.frame_count for one in measured)
-        psnr = sum((one.psnr_to_trained or 0) * one.frame_count for one in measured) / frames if frames else None
-        found.append(
+        measured = [rendition for rendition in column if rendition.psnr_to_trained is not None]
+        frames = sum(rendition.frame_count for rendition in measured)
+        psnr = (
+            sum((rendition.psnr_to_trained or 0) * rendition.frame_count for rendition in measured) / frames
+            if frames
+            else None
+        )
+        entries.append(
             RenditionEntry(
                 id=column[0].id,
-                qp=max(one.qp for one in column),
-                splats=max(one.splats for one in column),
+                qp=max(rendition.qp for rendition in column),
+                splats=max(rendition.splats for rendition in column),
                 sh_degree=column[0].sh_degree,
                 pruning=column[0].pruning,
                 psnr_to_trained=None if psnr is None else round(psnr, 3),
-                bytes=sum(one.bytes for one in column),
-                bandwidth=max(math.ceil(8 * one.bytes * fps / one.frame_count) for one in column),
+                bytes=sum(rendition.bytes for rendition in column),
+                bandwidth=max(math.ceil(8 * rendition.bytes * fps / rendition.frame_count) for rendition in column),
             )
         )
-    return tuple(found)
+    return tuple(entries)
 
 
 def _replace_manifest(path: Path, data: bytes, files: Iterable[str]) -> None:
     """Write the manifest atomically once its files are on the disk: a power cut leaves the old stream or the new."""
     named = sorted({path.parent / name for name in files})
-    for one in (*named, *sorted({one.parent for one in named} | {path.parent})):
-        sync(one)
+    for written in (*named, *sorted({written.parent for written in named} | {path.parent})):
+        sync(written)
     write_bytes(path, data, durable=True)
     sync(path.parent)
 
@@ -195,6 +199,6 @@ def _live_pages(path: Path) -> set[str]:
 
 def _remove_unused(directory: Path, used: set[str]) -> None:
     with contextlib.suppress(OSError):  # the stream is complete; what stays only takes room
-        for found in (directory / FILES).iterdir():
-            if f"{FILES}/{found.name}" not in used and found.is_file():
-                found.unlink()
+        for file in (directory / FILES).iterdir():
+            if f"{FILES}/{file.name}" not in used and file.is_file():
+                file.unlink()

@@ -42,10 +42,10 @@ def same_origin(one: str, other: str) -> bool:
 def _is_private(host: str) -> bool:
     """Whether a host has an address that is not a public one."""
     try:
-        found = [str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)]
+        addresses = [str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)]
     except (OSError, UnicodeError):
         return False
-    return any(not ipaddress.ip_address(address.partition("%")[0]).is_global for address in found)
+    return any(not ipaddress.ip_address(address.partition("%")[0]).is_global for address in addresses)
 
 
 def _refused(name: str, what: str) -> StudioError:

@@ -68,9 +68,9 @@ class FolderSource(Source):
 
 def too_long(file: str | os.PathLike[str], limit: int, size: int | None = None) -> StudioError:
     """The error for a file with more bytes than the manifest promises; `size` where it is known."""
-    found = "the file" if size is None else f"the file has {size} bytes and"
+    subject = "the file" if size is None else f"the file has {size} bytes and"
     return damaged(
-        "source.file_too_long", f"{found} is longer than the expected {limit} bytes", file, size, expected=limit
+        "source.file_too_long", f"{subject} is longer than the expected {limit} bytes", file, size, expected=limit
     )
 
 

@@ -306,7 +306,7 @@ class _Fused(torch.autograd.Function):
     def forward(ctx: Any, corners: Corners, side: Tensor, table: Tensor, *parameters: Tensor) -> Tensor:
         sizes = tuple((int(weight.shape[0]), int(weight.shape[1])) for weight in parameters[::2])
         layers = _layers(sizes)
-        flat = torch.cat([one.detach().reshape(-1) for one in parameters])
+        flat = torch.cat([parameter.detach().reshape(-1) for parameter in parameters])
         table, count, length = table.detach().contiguous(), corners.positions, layers[0].reads
         inputs = table.new_empty((count, layers[-1].inputs + layers[-1].reads))
         out = table.new_empty((count, 3))
