@@ -82,7 +82,7 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
     rng = np.random.default_rng(0)
     size = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
     within, up = 0.01 * size, rig.up
-    best, found = 0, None
+    best, floor = 0, None
     for _ in range(2000):
         a, b, c = points[rng.choice(len(points), 3, replace=False)]
         normal = np.cross(b - a, c - a)
@@ -95,15 +95,15 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
         heights = (points - a) @ normal
         count = int((np.abs(heights) < within).sum())
         if count > best and (heights > -3 * within).mean() > 0.9 and ((rig.centers - a) @ normal > 0).all():
-            best, found = count, (normal, a)
-    if found is None or best < 0.05 * len(points):
+            best, floor = count, (normal, a)
+    if floor is None or best < 0.05 * len(points):
         problem = "no floor found: no level plane below the cameras has 5% of the sparse points"
         value = round(best / len(points), 3)
         fix = "Set calibrate.floor to false, or put textured mats on the floor."
         raise StudioError(
             "calibration.no_floor", problem, value=value, fix=fix, setting="calibrate.floor", expected=0.05
         )
-    on = points[np.abs((points - found[1]) @ found[0]) < within]
+    on = points[np.abs((points - floor[1]) @ floor[0]) < within]
     middle = on.mean(0)
     normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
     normal = normal if normal @ up > 0 else -normal
@@ -115,14 +115,14 @@ def floor_world(rig: Rig, points: np.ndarray) -> tuple[Similarity, FloorReport]:
 
 def scale_to_distance(rig: Rig, first: str, second: str, distance: float) -> Similarity:
     """The scaling about the origin after which two cameras are `distance` apart. Raises StudioError."""
-    found = float(np.linalg.norm(rig[first].center - rig[second].center))
-    if found < 1e-12:
+    unscaled = float(np.linalg.norm(rig[first].center - rig[second].center))
+    if unscaled < 1e-12:
         problem = f"cameras '{first}' and '{second}' are at the same position"
         fix = "Choose two cameras that are apart."
         raise StudioError(
             "calibration.coincident", problem, value=[first, second], fix=fix, setting="calibrate.known_distance"
         )
-    return Similarity(distance / found)
+    return Similarity(distance / unscaled)
 
 
 @dataclass(frozen=True)
@@ -145,10 +145,10 @@ class RigDifference:
         return max(self.rotations.values())
 
 
-def compare_rigs(found: Rig, reference: Rig) -> RigDifference:
+def compare_rigs(rig: Rig, reference: Rig) -> RigDifference:
     """Align a solution with a reference and compare their common cameras; StudioError as `align_points`."""
-    aligned = align_rigs(found, reference).rig(found)
-    names = [name for name in found.names if name in reference]
+    aligned = align_rigs(rig, reference).rig(rig)
+    names = [name for name in rig.names if name in reference]
     centers, rotations = {}, {}
     for name in names:
         a, b = aligned[name], reference[name]

@@ -49,13 +49,13 @@ def match_images(images: Mapping[str, np.ndarray], *, progress: ProgressFn = no_
     for name in names:
         own = [pair for pair in alike if name in pair]
         wanted.update(sorted(own, key=lambda pair: -alike[pair])[:_PARTNERS])
-    found = []
+    pairs = []
     for number, (first, second) in enumerate(sorted(wanted)):
         verified = _verified(features[first], features[second])
         if len(verified) >= LEAST_MATCHES:
-            found.append(PairMatches(first, second, verified[:, :2], verified[:, 2:]))
+            pairs.append(PairMatches(first, second, verified[:, :2], verified[:, 2:]))
         progress(len(wanted) + number, 2 * len(wanted))
-    return found
+    return pairs
 
 
 def _features(image: np.ndarray) -> _Features:
@@ -115,16 +115,16 @@ def repetition(pairs: Sequence[PairMatches]) -> float:
     for pair in pairs:
         for name, pixels in ((pair.first, pair.first_pixels), (pair.second, pair.second_pixels)):
             ends.append([places.setdefault((name, x, y), len(places)) for x, y in pixels.tolist()])
-    first, second = (np.array([at for one in ends[side::2] for at in one], int) for side in (0, 1))
+    first, second = (np.array([at for ids in ends[side::2] for at in ids], int) for side in (0, 1))
     links = coo_array((np.ones(len(first)), (first, second)), shape=(len(places), len(places)))
     count, track = connected_components(links, directed=False)
     near = 2 * TOLERANCE * max((max(x, y) for _, x, y in places), default=0.0)
     seen: list[dict[str, tuple[float, float]]] = [{} for _ in range(count)]
     apart = np.zeros(count, bool)
-    for (name, x, y), one in zip(places, track.tolist(), strict=True):
-        other_x, other_y = seen[one].setdefault(name, (x, y))
-        apart[one] |= max(abs(x - other_x), abs(y - other_y)) > near
-    several = np.array([len(one) > 2 for one in seen], bool)[track[first]]
+    for (name, x, y), index in zip(places, track.tolist(), strict=True):
+        other_x, other_y = seen[index].setdefault(name, (x, y))
+        apart[index] |= max(abs(x - other_x), abs(y - other_y)) > near
+    several = np.array([len(places_of) > 2 for places_of in seen], bool)[track[first]]
     return float(apart[track[first]][several].mean()) if several.any() else 0.0
 
 
@@ -136,13 +136,13 @@ def fitting(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict
 
 def distances(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], np.ndarray]:
     """(M,) distances of matches from epipolar lines by pair of cameras; fractions of the images' longer side."""
-    found = {}
+    by_pair = {}
     for pair in pairs:
         first, second = cameras[pair.first], cameras[pair.second]
         longer = max(first.width, first.height, second.width, second.height)
         off = _sampson(_fundamental(first, second), pair.first_pixels, pair.second_pixels)
-        found[pair.first, pair.second] = off / longer
-    return found
+        by_pair[pair.first, pair.second] = off / longer
+    return by_pair
 
 
 def _fundamental(first: Camera, second: Camera) -> np.ndarray:

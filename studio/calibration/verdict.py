@@ -98,33 +98,33 @@ class _Evidence:
         def fits(cameras: Cameras, name: str) -> bool:
             return (self.share(cameras, [name]) or 0.0) >= _DOUBTFUL
 
-        found = []
+        pairs = []
         suspects = [name for name in self.cameras if self.total(name) >= LEAST_MATCHES and not fits(self.cameras, name)]
         for pair in combinations(suspects, 2):
             calibrations = [replace(self.cameras[of], name=to) for of, to in (pair, pair[::-1])]
             exchanged = {**self.cameras, **{camera.name: camera for camera in calibrations}}
             if all(fits(exchanged, name) for name in pair):
-                found.append(pair)
+                pairs.append(pair)
                 self.cameras = exchanged
-        return found
+        return pairs
 
     def doubtful(self) -> list[str]:
         """Cameras whose matches with the others do not fit, found one at a time, the worst first."""
         counts = fitting(self.cameras, self._pairs)
-        found: list[str] = []
+        doubted: list[str] = []
         while True:
             shares = {
                 name: share
                 for name in self.cameras
-                if name not in found
+                if name not in doubted
                 and self.total(name) >= _TELLING
-                and (share := _share({pair: n for pair, n in counts.items() if _counts(*pair, [name], found)}))
+                and (share := _share({pair: n for pair, n in counts.items() if _counts(*pair, [name], doubted)}))
                 is not None
             }
             worst = min(shares, key=lambda name: shares[name], default=None)
             if worst is None or shares[worst] >= _DOUBTFUL:
-                return found
-            found.append(worst)
+                return doubted
+            doubted.append(worst)
 
 
 def _counts(first: str, second: str, of: Collection[str], without: Collection[str]) -> bool:
@@ -154,7 +154,7 @@ def _images(evidence: _Evidence) -> RigVerdict:
         evidence.cameras = given  # by chance, some cameras of another rig fit better when exchanged
         overall = evidence.share(given) or 0.0
         cause, fix = next(
-            (found for found in _causes(evidence) if found),
+            (explanation for explanation in _causes(evidence) if explanation),
             ("", "Calibrate from more frames, with a board or marked points, or check the camera file."),
         )
         return RigVerdict(
@@ -268,7 +268,7 @@ def _best_factor(score: Callable[[float], float]) -> tuple[float, float]:
     """The factor of focal lengths with the highest score, and that score."""
     best = 1.0
     for around in (_SCALES, _NEAR):
-        best, highest = max(((scale, score(scale)) for scale in (best * around).tolist()), key=lambda found: found[1])
+        best, highest = max(((scale, score(scale)) for scale in (best * around).tolist()), key=lambda scored: scored[1])
     return best, highest
 
 

@@ -67,8 +67,8 @@ def model_parameters(camera: Camera, model: str) -> list[float]:
     """Parameters of a COLMAP model for a camera, without the distortion terms that the model does not have."""
     focal, distortion = (camera.fx + camera.fy) / 2, np.zeros(8)
     distortion[: camera.distortion.size] = camera.distortion[:8]
-    one = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-    base = [focal, camera.cx, camera.cy] if one else [camera.fx, camera.fy, camera.cx, camera.cy]
+    has_one_focal = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+    base = [focal, camera.cx, camera.cy] if has_one_focal else [camera.fx, camera.fy, camera.cx, camera.cy]
     return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
@@ -114,16 +114,16 @@ def _numbered_models(folder: Path) -> list[Path]:
 
 def _read_one(folder: Path) -> Rig | None:
     forms = {suffix: (folder / f"cameras{suffix}", folder / f"images{suffix}") for suffix in (".bin", ".txt")}
-    found = [suffix for suffix, files in forms.items() if all(file.is_file() for file in files)]
-    if not found:
+    present = [suffix for suffix, files in forms.items() if all(file.is_file() for file in files)]
+    if not present:
         return None
-    cameras, images = forms[found[0]]
-    binary = found[0] == ".bin"
+    cameras, images = forms[present[0]]
+    binary = present[0] == ".bin"
     with naming(cameras):
         by_id = _intrinsics_binary(cameras) if binary else _intrinsics_text(cameras)
     with naming(images):
         rig = _rig(cameras, by_id, _poses_binary(images) if binary else _poses_text(images))
-    if len(found) > 1:
+    if len(present) > 1:
         note = "cameras.bin and images.bin are read; cameras.txt and images.txt in the same folder are not."
         rig = replace(rig, notes=(*rig.notes, note))
     return rig
@@ -175,19 +175,19 @@ def _fields(number: int, line: str, kinds: str) -> list[float | int | str]:
 
 
 def _intrinsics_text(path: Path) -> dict[int, _Lens]:
-    found = {}
+    lenses = {}
     for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         key, model, width, height = _fields(number, line, "isii")
         words = line.split()[4:]
         parameters = _fields(number, " ".join(words), "f" * len(words))
-        if int(key) in found:
+        if int(key) in lenses:
             problem = f"line {number} is another camera {key}"
             fix = "Export the model again."
             raise StudioError("camera_file.camera_twice", problem, value=int(key), fix=fix, line=number)
-        found[int(key)] = str(model), int(width), int(height), [float(p) for p in parameters]
-    return found
+        lenses[int(key)] = str(model), int(width), int(height), [float(p) for p in parameters]
+    return lenses
 
 
 def _poses_text(path: Path) -> list[_Pose]:
@@ -252,7 +252,7 @@ class _Reader:
 
 
 def _intrinsics_binary(path: Path) -> dict[int, _Lens]:
-    reader, found = _Reader(path), {}
+    reader, lenses = _Reader(path), {}
     by_id = {model_id: (name, count) for name, (model_id, count) in MODELS.items()}
     for _ in range(int(reader.take("Q")[0])):
         key, model, width, height = (int(value) for value in reader.take("iiQQ"))
@@ -262,8 +262,8 @@ def _intrinsics_binary(path: Path) -> dict[int, _Lens]:
             names = {other.value: name for name, other in CameraModelId.__members__.items()}
             raise _unsupported_model(names.get(model, f"number {model}"))
         name, count = by_id[model]
-        found[key] = name, width, height, [float(p) for p in reader.take(f"{count}d")]
-    return found
+        lenses[key] = name, width, height, [float(p) for p in reader.take(f"{count}d")]
+    return lenses
 
 
 def _poses_binary(path: Path) -> list[_Pose]:

@@ -60,19 +60,19 @@ def _cameras(path: Path) -> Rig:
             lists[key] = value
         if len({tuple(len(row) for row in value) for value in lists.values()}) > 1:
             raise no_cameras("the lists " + ", ".join(f"'{key}'" for key in lists) + " differ in length")
-        found: dict[str, JsonObject] = {}
+        cameras: dict[str, JsonObject] = {}
         for files, Ks, poses in zip(lists["fn"], lists["k"], lists["w2c"], strict=True):
             for file, K, pose in zip(files, Ks, poses, strict=True):
-                _add(found, file, {"k": K, "w2c": pose})
+                _add(cameras, file, {"k": K, "w2c": pose})
         size: JsonObject = {key: values[key] for key in ("w", "h") if key in values}
-        entries = [(name, {**entry, **size}) for name, entry in found.items()]
+        entries = [(name, {**entry, **size}) for name, entry in cameras.items()]
         return replace(keyed_rig(path.parent, entries, KeyedForm(corner=True)), notes=())
 
 
-def _add(found: dict[str, JsonObject], file: Any, entry: JsonObject) -> None:
+def _add(cameras: dict[str, JsonObject], file: Any, entry: JsonObject) -> None:
     parts = PurePosixPath(str(file).replace("\\", "/")).parts
     name = parts[-2] if len(parts) > 1 else PurePosixPath(str(file)).stem
-    before = found.setdefault(name, entry)
+    before = cameras.setdefault(name, entry)
     if before is not entry and before != entry and not np.allclose(_numbers(before), _numbers(entry), atol=1e-6):
         problem = f"Camera '{name}' has different values in '{file}' than in earlier frames; cameras must not move"
         raise StudioError("camera.moves", problem, value=str(file), fix="Use footage of fixed cameras.", camera=name)

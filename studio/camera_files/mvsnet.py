@@ -40,11 +40,11 @@ def _camera(path: Path) -> Camera:
     with naming(path):
         matrices = []
         for word, count in (("extrinsic", 16), ("intrinsic", 9)):
-            found = re.search(rf"(?<![a-z]){word}((?:\s+[-+.\deE]+){{{count}}})", text)
-            if found is None:
+            match = re.search(rf"(?<![a-z]){word}((?:\s+[-+.\deE]+){{{count}}})", text)
+            if match is None:
                 fix = "The file may be truncated: copy it again."
                 raise StudioError("camera_file.truncated", f"no {count} numbers after '{word}'", fix=fix)
-            value = array(found.group(1).split(), word, name)
+            value = array(match.group(1).split(), word, name)
             check_finite(value, word, name)
             matrices.append(value)
         root = path.parent.parent

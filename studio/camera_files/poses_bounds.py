@@ -44,7 +44,7 @@ def read(file: CameraFile) -> Rig:
 
 
 def _names(folder: Path, count: int) -> list[str]:
-    found = []
+    counts = []
     for part in _FOLDERS:
         if not (folder / part).is_dir():
             continue
@@ -58,8 +58,8 @@ def _names(folder: Path, count: int) -> list[str]:
             if len(names) == count:
                 return names
             if len(names) > 1:
-                found.append(len(names))
-    problem = f"the file has {count} cameras, but the footage next to it has {found[0] if found else 'none'}"
+                counts.append(len(names))
+    problem = f"the file has {count} cameras, but the footage next to it has {counts[0] if counts else 'none'}"
     fix = (
         "The rows belong to the videos in the order of their names: put back missing videos, or set capture.rig "
         "to null to calibrate from the footage."

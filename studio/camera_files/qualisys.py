@@ -16,7 +16,7 @@ import numpy as np
 
 from v3studio.studio.camera_files.common import no_cameras
 from v3studio.studio.camera_files.common.camera_file import CameraFile
-from v3studio.studio.camera_files.common.keyed import Found
+from v3studio.studio.camera_files.common.keyed import FileNotes
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
 from v3studio.studio.validation import missing_key, number
 
@@ -46,9 +46,9 @@ def read(file: CameraFile) -> Rig:
     video = [entry for entry in entries if _records_video(entry)]
     if not entries:
         raise no_cameras("no active cameras (calibration/cameras/camera)")
-    found = Found()
-    cameras = tuple(_camera(entry, index, found) for index, entry in enumerate(video or entries))
-    return Rig(cameras, found.notes)
+    notes = FileNotes()
+    cameras = tuple(_camera(entry, index, notes) for index, entry in enumerate(video or entries))
+    return Rig(cameras, notes.sentences)
 
 
 def _records_video(entry: ElementTree.Element) -> bool:
@@ -56,16 +56,16 @@ def _records_video(entry: ElementTree.Element) -> bool:
     return "video" in model or model == "none"
 
 
-def _camera(entry: ElementTree.Element, index: int, found: Found) -> Camera:
+def _camera(entry: ElementTree.Element, index: int, notes: FileNotes) -> Camera:
     name = entry.get("serial")
     if not name:
         raise missing_key("serial", f"number {index + 1}")
 
     def part(tag: str) -> dict[str, str]:
-        found = entry.find(tag)
-        if found is None:
+        element = entry.find(tag)
+        if element is None:
             raise missing_key(tag, name)
-        return dict(found.attrib)
+        return dict(element.attrib)
 
     window, pose, intrinsics = part("fov_video"), part("transform"), part("intrinsic")
     left, top = number(window, "left", name), number(window, "top", name)
@@ -78,8 +78,8 @@ def _camera(entry: ElementTree.Element, index: int, found: Found) -> Camera:
     K[1, 2] = number(intrinsics, "centerPointV", name) / _SUBPIXELS - top + 0.5
     bent = any(key in intrinsics for key in _DISTORTION)
     missing = "" if bent else "lens distortion"
-    found.check_unknown(name, {key: intrinsics[key] for key in intrinsics.keys() - _INTRINSICS}, missing)
-    (found.bent if bent else found.straight).append(name)
+    notes.check_unknown(name, {key: intrinsics[key] for key in intrinsics.keys() - _INTRINSICS}, missing)
+    (notes.bent if bent else notes.straight).append(name)
     distortion = np.array([number(intrinsics, key, name, 0.0) for key in _DISTORTION])
     rotation = np.array([[number(pose, f"r{row}{column}", name) for column in (1, 2, 3)] for row in (1, 2, 3)])
     rotation = OPENGL_AXES[:3, :3] @ rotation

@@ -52,34 +52,34 @@ def _rows(path: Path) -> list[tuple[int, list[float]]]:
 
 
 def _poses(path: Path) -> list[np.ndarray]:
-    found: list[np.ndarray] = []
+    poses: list[np.ndarray] = []
     for number, values in _rows(path):
         if len(values) != 12:
             raise _truncated(number, len(values), 12)
-        check_finite(np.array(values), f"line {number}", str(len(found)))
+        check_finite(np.array(values), f"line {number}", str(len(poses)))
         z, x, y, center = np.array(values).reshape(4, 3)
-        found.append(np.column_stack([x, y, z, center]))
-    return found
+        poses.append(np.column_stack([x, y, z, center]))
+    return poses
 
 
-def _truncated(line: int, found: int, expected: int) -> StudioError:
-    problem = f"found {found} numbers for the camera at line {line}, expected {expected}"
+def _truncated(line: int, count: int, expected: int) -> StudioError:
+    problem = f"found {count} numbers for the camera at line {line}, expected {expected}"
     fix = "The file may be truncated: copy it again."
-    return StudioError("camera_file.truncated", problem, value=found, fix=fix, line=line, expected=expected)
+    return StudioError("camera_file.truncated", problem, value=count, fix=fix, line=line, expected=expected)
 
 
 def _intrinsics(path: Path) -> list[np.ndarray]:
     rows = [(number, values) for number, values in _rows(path) if len(values) != 1]
-    found: list[np.ndarray] = []
+    matrices: list[np.ndarray] = []
     for start in range(0, len(rows), 3):
         part = rows[start : start + 3]
         if len(part) < 3 or any(len(values) != 3 for _, values in part):
             raise _truncated(part[0][0], sum(len(values) for _, values in part), 9)
         K = np.array([values for _, values in part])
-        check_finite(K, "K", str(len(found)))
+        check_finite(K, "K", str(len(matrices)))
         K[:2, 2] += 0.5
-        found.append(K)
-    return found
+        matrices.append(K)
+    return matrices
 
 
 def _footage(folder: Path, index: int) -> tuple[str, tuple[int, int]]:

@@ -33,12 +33,12 @@ def read(file: CameraFile) -> Rig:
         raise StudioError("camera_file.syntax", problem, fix=fix) from None
     nested = values.get("cameras")
     tables = nested if isinstance(nested, dict) else values
-    found = {key: table for key, table in tables.items() if is_camera(table)}
-    if not found:
+    cameras = {key: table for key, table in tables.items() if is_camera(table)}
+    if not cameras:
         raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)")
-    if all(table.get("ignore") for table in found.values()):
+    if all(table.get("ignore") for table in cameras.values()):
         raise no_cameras("all cameras in the file are marked with 'ignore'")
-    named = [(_name(key, table, bool(nested)), table) for key, table in found.items()]
+    named = [(_name(key, table, bool(nested)), table) for key, table in cameras.items()]
     rig = keyed_rig(file.path.parent, [(name, table) for name, table in named if not table.get("ignore")], _FORM)
     return replace(rig, left_out=(*rig.left_out, *(name for name, table in named if table.get("ignore"))))
 

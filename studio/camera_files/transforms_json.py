@@ -29,7 +29,7 @@ from v3studio.studio.camera_files.common import (
     wrong_shape,
 )
 from v3studio.studio.camera_files.common.camera_file import CameraFile
-from v3studio.studio.camera_files.common.keyed import TERMS, Found, KeyedForm, keyed_camera, normal_key
+from v3studio.studio.camera_files.common.keyed import TERMS, FileNotes, KeyedForm, keyed_camera, normal_key
 from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
 from v3studio.studio.capture.patterns import without_extension
@@ -73,12 +73,12 @@ def read(file: CameraFile) -> Rig:
         files = {other: values if other == path else read_json(other) for other in others if other.is_file()}
     entries = [entry for part, content in files.items() for entry in _entries(part, content)]
     names = camera_names([file_path for _, file_path, _ in entries])
-    found = Found()
+    seen = FileNotes()
     groups: dict[bytes, list[int]] = {}
     cameras = []
     for index, (name, (part, file_path, both)) in enumerate(zip(names, entries, strict=True)):
         with naming(part):
-            cameras.append(_camera(name, part, file_path, both, found))
+            cameras.append(_camera(name, part, file_path, both, seen))
         groups.setdefault(_fingerprint(cameras[-1]), []).append(index)
     notes = []
     if 1 < len(groups) < len(cameras):
@@ -91,7 +91,7 @@ def read(file: CameraFile) -> Rig:
         cameras = [replace(cameras[index], name=names[index]) for index in first]
     training = {name for name, (part, *_) in zip(names, entries, strict=True) if part.name == "transforms_train.json"}
     tested = tuple(camera.name for camera in cameras if training and camera.name not in training)
-    return Rig(tuple(cameras), (*found.notes, *_overridden(files), *notes), for_evaluation=tested)
+    return Rig(tuple(cameras), (*seen.sentences, *_overridden(files), *notes), for_evaluation=tested)
 
 
 def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject]]:
@@ -124,7 +124,7 @@ def _overridden(files: Mapping[Path, JsonObject]) -> tuple[str, ...]:
     return (f"Entries have their own {listed(sorted(map(repr, keys)))}; those beside 'frames' differ.",) if keys else ()
 
 
-def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Found) -> Camera:
+def _camera(name: str, path: Path, file_path: str, values: JsonObject, seen: FileNotes) -> Camera:
     form = KeyedForm(
         corner=True,
         centered=True,
@@ -138,7 +138,7 @@ def _camera(name: str, path: Path, file_path: str, values: JsonObject, found: Fo
         if terms.shape != (6,):
             raise wrong_shape("distortion_params", name, terms.shape, ((6,),))
         known["distortion_params"] = [*terms[[0, 1, 4, 5, 2]], *([terms[3], 0, 0] if terms[3] else [])]
-    camera = keyed_camera(path.parent, name, known, form, found)
+    camera = keyed_camera(path.parent, name, known, form, seen)
     if camera is None:
         raise missing_key("transform_matrix", name)
     if camera.distortion[5:].any() and str(values.get("camera_model")).upper() != "FULL_OPENCV":

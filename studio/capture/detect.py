@@ -58,18 +58,18 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
     says, or in the only folder with videos or with images. StudioError: `footage.not_found`, `footage.ambiguous_layout`
     if several folders contain videos, or `footage.container` if there are only containers that cannot be read."""
     listing = cache(lambda: list(walk(root, _DEPTH)))
-    found = _usual_layout(root, "", listing) or _one_level_down(root, listing)
-    if found is not None:
-        return _as_chapters(root, found) or _as_grid(root, found)
+    layout = _usual_layout(root, "", listing) or _one_level_down(root, listing)
+    if layout is not None:
+        return _as_chapters(root, layout) or _as_grid(root, layout)
     films = _of_kind(listing(), VIDEO_EXTENSIONS)
     layouts = _video_layouts(films) if films else _grids(_of_kind(listing(), IMAGE_EXTENSIONS))
     if len(layouts) == 1:
         return _matching(root, layouts[0])
     if layouts:
         raise _ambiguous(root, layouts)
-    found = _only_folder(root, listing())
-    if found is not None:
-        return _as_grid(root, found)
+    layout = _only_folder(root, listing())
+    if layout is not None:
+        return _as_grid(root, layout)
     container = next((relative for relative in listing() if relative.endswith(".smc")), None)
     if container is not None:
         problem = "SMC containers of DNA-Rendering cannot be read directly"
@@ -109,13 +109,13 @@ def _usual_layout(root: Path, prefix: str, listing: Callable[[], Sequence[str]])
 
 def _one_level_down(root: Path, listing: Callable[[], Sequence[str]]) -> tuple[str, list[Match]] | None:
     """A usual layout in the only folder of `root` that has one."""
-    found = None
+    layout = None
     for folder in _folders(root):
         inner = _usual_layout(root, f"{folder}/", listing)
-        if inner is not None and found is not None:
+        if inner is not None and layout is not None:
             return None
-        found = inner or found
-    return found
+        layout = inner or layout
+    return layout
 
 
 def _folders(root: Path) -> list[str]:
@@ -179,8 +179,8 @@ def _is_other(folder: str) -> bool:
 
 def _is_mask(path: str, stems: Collection[str]) -> bool:
     """Whether a file is the mask of one beside it, such as 0001_mask.png of 0001.jpg."""
-    found = _MASK_FILE.fullmatch(Path(path).stem)
-    return found is not None and (found[1] or found[2]) in stems
+    match = _MASK_FILE.fullmatch(Path(path).stem)
+    return match is not None and (match[1] or match[2]) in stems
 
 
 def _without_masks(matches: Iterable[Match]) -> list[Match]:
@@ -212,29 +212,29 @@ def parts_pattern(paths: Sequence[str]) -> str | None:
 
 def _grids(paths: Sequence[str]) -> list[str]:
     """Patterns of images that give several cameras with several frames each; of the same files, the likeliest."""
-    found: list[Layout] = []
+    grids: list[Layout] = []
     taken: set[str] = set()
     for group in groups_of(paths):
         best = next(iter(infer_layouts(group)), None) if not taken & set(group) else None
         if best is not None and best.is_grid:
-            found.append(best)
+            grids.append(best)
             taken |= set(group)
-    return [layout.pattern for layout in found]
+    return [layout.pattern for layout in grids]
 
 
-def _as_grid(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[Match]]:
+def _as_grid(root: Path, layout: tuple[str, list[Match]]) -> tuple[str, list[Match]]:
     """The same files as several cameras with several frames each, if their names say so and the pattern does not."""
-    images = [match for match in found[1] if match.path.suffix.lower() in IMAGE_EXTENSIONS]
+    images = [match for match in layout[1] if match.path.suffix.lower() in IMAGE_EXTENSIONS]
     several = len({match.camera for match in images}) > 1, len({match.frame for match in images}) > 1
-    if len(images) < len(found[1]) or all(several):
-        return found
+    if len(images) < len(layout[1]) or all(several):
+        return layout
     grids = _grids([match.path.relative_to(root).as_posix() for match in images])
-    return _matching(root, grids[0]) if len(grids) == 1 else found
+    return _matching(root, grids[0]) if len(grids) == 1 else layout
 
 
-def _as_chapters(root: Path, found: tuple[str, list[Match]]) -> tuple[str, list[Match]] | None:
+def _as_chapters(root: Path, layout: tuple[str, list[Match]]) -> tuple[str, list[Match]] | None:
     """Videos in one folder that have a camera's name before or after GoPro's, such as cam0_GX010042.MP4."""
-    pattern, matches = found
+    pattern, matches = layout
     names = [match.path.name for match in matches]
     if len({match.path.parent for match in matches}) > 1:
         return None
@@ -303,8 +303,8 @@ def _folder_per_camera(folders: Sequence[str]) -> str | None:
 
 def _are_chapters(names: Sequence[str]) -> bool:
     """Whether GoPro names these as parts of one recording: GX010042.MP4, GX020042.MP4; GOPR0042.MP4, GP010042.MP4."""
-    found = [_CHAPTER.fullmatch(name) for name in names]
-    return all(found) and len({match[1] for match in found if match is not None}) == 1
+    chapters = [_CHAPTER.fullmatch(name) for name in names]
+    return all(chapters) and len({match[1] for match in chapters if match is not None}) == 1
 
 
 _CHAPTER = re.compile(r"G[A-Z](?:\d\d|PR)(\d{4})\.\w+")
@@ -314,28 +314,28 @@ def chapters_of_one(paths: Sequence[str]) -> list[str]:
     """The first files that GoPro cameras would name as parts of one recording; empty if there are none."""
     recordings: dict[tuple[Path, str], list[str]] = {}
     for path in map(Path, paths):
-        found = _CHAPTER.fullmatch(path.name)
-        if found is not None:
-            recordings.setdefault((path.parent, found[1]), []).append(path.name)
+        chapter = _CHAPTER.fullmatch(path.name)
+        if chapter is not None:
+            recordings.setdefault((path.parent, chapter[1]), []).append(path.name)
     return next((sorted(parts) for parts in recordings.values() if len(parts) > 1), [])
 
 
 def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
     """Names what could be footage; each suggestion has been tried."""
-    found = {}
+    counts = {}
     for pattern in patterns[:_MOST_SUGGESTED]:
         with contextlib.suppress(StudioError):
-            found[pattern] = len({match.camera for match in find_files(root, pattern)})
+            counts[pattern] = len({match.camera for match in find_files(root, pattern)})
     named = " and ".join(
         f"'{pattern}' ({counted(cameras, 'camera')}{_PARTS if '{chapter}' in pattern else ''})"
-        for pattern, cameras in found.items()
+        for pattern, cameras in counts.items()
         if cameras
     )
-    best = max(found, key=lambda pattern: found[pattern])
+    best = max(counts, key=lambda pattern: counts[pattern])
     problem = f"found footage in several places: {named}"
     fix = f"Choose the footage with capture.images, for example '{best}', or move away what does not belong to it."
     return StudioError(
-        "footage.ambiguous_layout", problem, file=root, value=list(found), fix=fix, setting="capture.images"
+        "footage.ambiguous_layout", problem, file=root, value=list(counts), fix=fix, setting="capture.images"
     )
 
 
@@ -362,9 +362,9 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
     listing = cache(lambda: list(walk(root, _DEPTH)))
     named, own = _masks_named_in(root / "transforms.json") if folders is MASK_FOLDERS else ([], set())
     for pattern in named:
-        found = _of_cameras(root, pattern, wanted)
-        if found is not None:
-            yield found
+        matched = _of_cameras(root, pattern, wanted)
+        if matched is not None:
+            yield matched
     inside: dict[str, list[str]] = {}
     for path in listing():
         for name in path.split("/")[:-1]:
@@ -382,9 +382,9 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
             f"img/{{frame}}/{name}/img_{{camera}}.*",  # NHR
             *(layout.pattern for group in groups_of(inside[name]) for layout in infer_layouts(group, wanted)),
         ):
-            found = _of_cameras(root, pattern, wanted)
-            if found is not None:
-                yield found
+            matched = _of_cameras(root, pattern, wanted)
+            if matched is not None:
+                yield matched
                 break
     patterns = [f"{{camera}}/{name}.*" for name in _PLATE_FILES] if folders is PLATE_FOLDERS else []
     patterns += named
@@ -392,13 +392,13 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
         stems = {Path(path).stem for path in listing()}
         beside = [path for path in listing() if _is_mask(path, stems)]
         patterns += [layout.pattern for group in groups_of(beside) for layout in infer_layouts(group, wanted)]
-    yield from (found for pattern in patterns if (found := _of_cameras(root, pattern, wanted)) is not None)
+    yield from (matched for pattern in patterns if (matched := _of_cameras(root, pattern, wanted)) is not None)
 
 
 def folders_named(root: Path, folders: re.Pattern[str]) -> list[str]:
     """Names of the folders below `root` with such a name that have files."""
-    found = {name for path in walk(root, _DEPTH) for name in path.split("/")[:-1] if folders.fullmatch(name)}
-    return sorted(found)
+    names = {name for path in walk(root, _DEPTH) for name in path.split("/")[:-1] if folders.fullmatch(name)}
+    return sorted(names)
 
 
 def _of_cameras(root: Path, pattern: str, wanted: Collection[str]) -> tuple[str, list[Match]] | None:

@@ -45,12 +45,12 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
     `footage.image_missing`, or `footage.image_unreadable` if it is truncated or not an image.
     """
     if _is_deep(path, transfer):
-        found = _deep_image(path, transfer)
-        return _color_of(found) if found.shape[2] == 4 and _has_padding(path) else found
+        pixels = _deep_image(path, transfer)
+        return _color_of(pixels) if pixels.shape[2] == 4 and _has_padding(path) else pixels
     with _open(path) as image, _undamaged(path):
         if _has_deep_color(image):
-            found = _deep_image(path, transfer)
-            return found if _is_transparent(image) else _color_of(found)
+            pixels = _deep_image(path, transfer)
+            return pixels if _is_transparent(image) else _color_of(pixels)
         image.load()
         if image.mode.startswith("I;16") or image.mode in ("I", "F"):
             values = np.asarray(image, dtype=np.float64)
@@ -58,10 +58,10 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
                 values = values / 257.0
             gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
             return np.repeat(gray[:, :, None], 3, axis=2)
-        found = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
+        pixels = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
     if transfer not in ("auto", "srgb"):
-        found[:, :, :3] = eight_bit(found[:, :, :3].astype(np.uint16) * 257, transfer)
-    return found
+        pixels[:, :, :3] = eight_bit(pixels[:, :, :3].astype(np.uint16) * 257, transfer)
+    return pixels
 
 
 def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:

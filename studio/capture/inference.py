@@ -55,12 +55,12 @@ def infer_layouts(paths: Sequence[str], cameras: Collection[str] = ()) -> list[L
     extensions = {PurePosixPath(path).suffix for path in paths}
     extension = extensions.pop() if len(extensions) == 1 else ".*"
     columns = [list(_forms(sorted(set(column)))) for column in zip(*split, strict=True)]
-    found = []
+    layouts = []
     for forms in product(*columns):
         layout = _layout(split, forms, extension)
         if layout is not None and (not cameras or layout.cameras & set(cameras)):
-            found.append(layout)
-    return sorted(found, key=lambda layout: -layout.score)
+            layouts.append(layout)
+    return sorted(layouts, key=lambda layout: -layout.score)
 
 
 def looks_like_camera(name: str) -> bool:
@@ -81,9 +81,9 @@ def groups_of(paths: Sequence[str]) -> Iterator[list[str]]:
 def _layout(split: Sequence[tuple[str, ...]], forms: Sequence[_Form], extension: str) -> Layout | None:
     grid = set()
     for names in split:
-        found = [form.fields[name] for name, form in zip(names, forms, strict=True)]
-        cameras = {camera for camera, _ in found if camera}
-        frames = {frame for _, frame in found if frame is not None}
+        fields = [form.fields[name] for name, form in zip(names, forms, strict=True)]
+        cameras = {camera for camera, _ in fields if camera}
+        frames = {frame for _, frame in fields if frame is not None}
         if len(cameras) != 1 or len(frames) > 1:
             return None
         grid.add((*cameras, *frames))
@@ -122,14 +122,14 @@ def _forms(names: Sequence[str]) -> Iterator[_Form]:
 def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Iterator[_Form]:
     """Names with a camera, the group `camera` of the expression, and a frame, two groups before or behind it."""
     frame = 1 if camera == 3 else 2
-    found = {name: match.groups() for name in names if (match := expression.fullmatch(name)) is not None}
+    matched = {name: match.groups() for name in names if (match := expression.fullmatch(name)) is not None}
     others = [index for index in range(4) if index not in (camera, frame)]
-    if len(found) < len(names) or any(len({parts[index] for parts in found.values()}) > 1 for index in others):
+    if len(matched) < len(names) or any(len({parts[index] for parts in matched.values()}) > 1 for index in others):
         return
-    parts = list(next(iter(found.values())))
+    parts = list(next(iter(matched.values())))
     if _AFTER_CAMERA_WORD.fullmatch(parts[frame - 1]):
         return
-    cameras = {name: groups[camera] for name, groups in found.items()}
+    cameras = {name: groups[camera] for name, groups in matched.items()}
     before = ""
     if camera == 0:  # a word that all of them end with describes the images
         shared = shared_start([name[::-1] for name in cameras.values()])[::-1]
@@ -141,11 +141,11 @@ def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Ite
         if take is not None and all(looks_like_camera(text[take.end() :]) for text in cameras.values()):
             cameras = {name: text[take.end() :] for name, text in cameras.items()}
             before = take.group()
-    numbers = [groups[frame] for groups in found.values()]
+    numbers = [groups[frame] for groups in matched.values()]
     parts[camera], parts[frame] = f"{before}{{camera}}", "{frame}"
     like = sum(looks_like_camera(text) for text in cameras.values()) / len(cameras)
     score = _frame_score(parts[frame - 1], numbers) + 3 * like
-    fields = {name: (cameras[name], int(groups[frame])) for name, groups in found.items()}
+    fields = {name: (cameras[name], int(groups[frame])) for name, groups in matched.items()}
     yield _Form("".join(parts), dict(fields), score + (0.25 if camera == 0 else 0))
 
 

@@ -113,7 +113,7 @@ def find_files(
     if not base.is_dir():
         return []
     depth = 8 if "**/" in rest else rest.count("/")
-    found: dict[tuple[str, int | None, str], Match] = {}
+    matches: dict[tuple[str, int | None, str], Match] = {}
     for relative in listing() if listing is not None and fixed == 0 and "**/" not in rest else walk(base, depth):
         match = expression.fullmatch(relative)
         if match is None or Path(relative).suffix.lower() not in extensions:
@@ -122,21 +122,21 @@ def find_files(
         frame = int(groups["frame"]) if groups.get("frame") is not None else None
         key = (groups["camera"], frame, groups.get("chapter") or "")
         path = base / relative
-        if key in found:
+        if key in matches:
             what = f"camera '{key[0]}'" if frame is None else f"frame {frame} of camera '{key[0]}'"
             raise StudioError(
                 "footage.duplicate_file",
-                f"both this file and {found[key].path} match {what}",
+                f"both this file and {matches[key].path} match {what}",
                 file=path,
                 value=pattern,
                 fix=f"Remove or rename one of them, or narrow the pattern '{pattern}'.",
                 camera=key[0],
                 frame=frame,
-                other=found[key].path,
+                other=matches[key].path,
             )
-        found[key] = Match(path, *key)
+        matches[key] = Match(path, *key)
     return sorted(
-        found.values(), key=lambda match: (natural_key(match.camera), match.frame or 0, natural_key(match.chapter))
+        matches.values(), key=lambda match: (natural_key(match.camera), match.frame or 0, natural_key(match.chapter))
     )
 
 

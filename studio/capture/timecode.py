@@ -38,10 +38,10 @@ def parse_timecode(text: str, rate: Fraction) -> Timecode:
     """The frame that a label `HH:MM:SS:FF`, or `HH:MM:SS;FF` for drop-frame, names; StudioError
     (`sync.timecode_invalid`) if there is no such label at this rate. Drop-frame labels leave out the first two of each
     minute (four at 59.94 fps), except in each tenth."""
-    found, fps, dropped = _LABEL.fullmatch(text.strip()), round(rate), 0
-    hours, minutes, seconds, frames = (int(found[number]) for number in (1, 2, 3, 5)) if found else (24, 0, 0, 0)
+    label, fps, dropped = _LABEL.fullmatch(text.strip()), round(rate), 0
+    hours, minutes, seconds, frames = (int(label[number]) for number in (1, 2, 3, 5)) if label else (24, 0, 0, 0)
     valid = hours < 24 and minutes < 60 and seconds < 60 and frames < fps
-    if found is not None and found[4] != ":":
+    if label is not None and label[4] != ":":
         dropped = fps // 15
         skipped = minutes % 10 > 0 and seconds == 0 and frames < dropped
         valid = valid and fps % 30 == 0 and abs(rate / (fps * _NTSC) - 1) <= 1e-4 and not skipped
@@ -66,7 +66,7 @@ def read_timecode(file: Path) -> Timecode | None:
             video = video_stream(container)
             rate = video.average_rate if video is not None else None
             places = (*([] if video is None else [video]), container, *container.streams)
-            text = next((found for place in places if (found := _tag(place.metadata))), None)
+            text = next((tag for place in places if (tag := _tag(place.metadata))), None)
             first = _first_of_track(container)
     except (av.error.FFmpegError, OSError, IndexError) as error:
         raise StudioError("footage.video_unreadable", f"cannot read the timecode ({error})", file=file) from None

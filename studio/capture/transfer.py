@@ -36,8 +36,8 @@ def srgb_from_linear(values: np.ndarray) -> np.ndarray:
 def eight_bit(values: np.ndarray, transfer: TransferFunction) -> np.ndarray:
     """sRGB in 8 bits from floats (linear: may exceed 1) or uint16 of the full range; auto is as srgb."""
     if values.dtype == np.uint16:
-        found: np.ndarray = _table(transfer)[values]
-        return found
+        converted: np.ndarray = _table(transfer)[values]
+        return converted
     if transfer in ("auto", "srgb"):
         shown = np.clip(np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=1.0, neginf=0.0), 0, 1)
     elif transfer == "linear":

@@ -132,8 +132,8 @@ class VideoReader:
             stream = video_stream(container)
             assert stream is not None  # else `__init__` would have raised
             frame = next(decoded(container, stream))
-            found = chroma_grid(frame, self._to_rgb, self._matrix)
-        return found and found.rotated(self._turns, *self._coded)
+            grid = chroma_grid(frame, self._to_rgb, self._matrix)
+        return grid and grid.rotated(self._turns, *self._coded)
 
     def _to_rgb(self, frame: Any) -> np.ndarray:
         options: dict[str, str | int] = {"interpolation": _SWS_FLAGS}
@@ -188,14 +188,14 @@ class VideoReader:
                 frames = [(frame.pts, frame.key_frame) for frame in decoded(container, stream)]
         except (av.error.FFmpegError, OSError):
             return  # reported when the frame is read
-        found = [time for time, _ in frames if time is not None]
+        stamps = [time for time, _ in frames if time is not None]
         silent = {time for time, size in zip(times, sizes, strict=True) if size <= _EMPTY_PACKET}
-        missing = set(times) - set(found)
-        if not missing or not missing <= silent or len(set(found)) != len(frames) or found != sorted(found):
+        missing = set(times) - set(stamps)
+        if not missing or not missing <= silent or len(set(stamps)) != len(frames) or stamps != sorted(stamps):
             return
-        self._timestamps, self._coded_count = found, len(found)
+        self._timestamps, self._coded_count = stamps, len(stamps)
         self._keyframes = [index for index, (_, key) in enumerate(frames) if key]
-        self._shown = [max(0, bisect.bisect_right(found, time) - 1) for time in sorted(times)]
+        self._shown = [max(0, bisect.bisect_right(stamps, time) - 1) for time in sorted(times)]
         self.note = f"{len(missing)} dropped frames repeat the ones before them"
 
     def _at_constant_rate(self, times: list[int] | None) -> None:

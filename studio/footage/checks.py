@@ -50,7 +50,7 @@ class ColorDrift:
     def messages(self) -> list[Message]:
         """A warning `footage.color_drift` for each camera whose colors change, with the fields `camera`, `frames` and
         `change` (largest change of a channel, 0.05 is 5%)."""
-        found = []
+        warnings = []
         for camera, gains in sorted(self._gains.items()):
             if len(gains) < 3:
                 continue
@@ -58,7 +58,7 @@ class ColorDrift:
             change = np.abs(values / np.median(values, axis=0) - 1)
             if change.max() <= _LARGEST_DRIFT:
                 continue
-            far = [frame for frame, one in zip(frames, change.max(1), strict=True) if one > _LARGEST_DRIFT]
+            far = [frame for frame, largest in zip(frames, change.max(1), strict=True) if largest > _LARGEST_DRIFT]
             spread = change.max(0)
             together = np.ptp(values / np.median(values, axis=0), axis=1).max() < _LARGEST_DRIFT
             what = "brightness" if together else "color"
@@ -67,8 +67,8 @@ class ColorDrift:
             problem = f"Camera '{camera}': the {what} of the set changes by {amount} in frames {number_ranges(far)}"
             fix = "Film with manual exposure and white balance; splats would flicker with it."
             fields = {"camera": camera, "frames": tuple(far), "change": round(float(change.max()), 4)}
-            found.append(Message("footage.color_drift", problem, fix=fix, fields=fields))
-        return found
+            warnings.append(Message("footage.color_drift", problem, fix=fix, fields=fields))
+        return warnings
 
 
 _EMPTY = 2e-5  # fraction of the image: 20 pixels per megapixel
@@ -119,7 +119,7 @@ def check_footage(
             done += count
 
     def check_camera(camera: str) -> _CameraProblems:
-        found = _CameraProblems()
+        own = _CameraProblems()
         for position, frame in enumerate(frames):
             if stop.is_set():
                 break
@@ -130,8 +130,8 @@ def check_footage(
                     continue
                 mask = footage.mask(camera, frame)
             except StudioError as error:
-                found.errors.append(error.message)
-                if len(found.errors) > _MOST_ERRORS:  # a truncated video gives one error per frame
+                own.errors.append(error.message)
+                if len(own.errors) > _MOST_ERRORS:  # a truncated video gives one error per frame
                     advance(len(frames) - position - 1)
                     break
                 continue
@@ -139,11 +139,11 @@ def check_footage(
                 drift.see(camera, frame, image, mask)
             share = float((mask >= 128).mean())
             if share < _EMPTY:
-                found.empty.append(frame)
-                found.highest = max(found.highest, int(mask.max()))
+                own.empty.append(frame)
+                own.highest = max(own.highest, int(mask.max()))
             elif share > _FULL:
-                found.full.append(frame)
-        return found
+                own.full.append(frame)
+        return own
 
     with ThreadPoolExecutor(min(_READERS, len(os.sched_getaffinity(0))), thread_name_prefix="check") as readers:
         try:
@@ -154,21 +154,21 @@ def check_footage(
             raise
     progress(total, total)
     problems = [*footage.problems, *([missing.message] if missing is not None else [])]
-    for camera, found in zip(footage.camera_names, results, strict=True):
-        problems += list({str(message): message for message in found.errors}.values())[:_MOST_ERRORS]
-        if found.empty:
-            problem = f"Camera '{camera}': the mask is empty in {_frames(found.empty)}" + (
-                f" (its highest value there is {found.highest} of 255)" if found.highest else ""
+    for camera, own in zip(footage.camera_names, results, strict=True):
+        problems += list({str(message): message for message in own.errors}.values())[:_MOST_ERRORS]
+        if own.empty:
+            problem = f"Camera '{camera}': the mask is empty in {_frames(own.empty)}" + (
+                f" (its highest value there is {own.highest} of 255)" if own.highest else ""
             )
             fix = "Fix the masks, or exclude the camera or the frames."
             problems.append(
-                Message("mask.empty", problem, fix=fix, fields={"camera": camera, "frames": tuple(found.empty)})
+                Message("mask.empty", problem, fix=fix, fields={"camera": camera, "frames": tuple(own.empty)})
             )
-        if found.full:
-            problem = f"Camera '{camera}': the mask covers the whole image in {_frames(found.full)}"
+        if own.full:
+            problem = f"Camera '{camera}': the mask covers the whole image in {_frames(own.full)}"
             fix = "Fix the masks: white is the performer, black the background."
             problems.append(
-                Message("mask.full", problem, fix=fix, fields={"camera": camera, "frames": tuple(found.full)})
+                Message("mask.full", problem, fix=fix, fields={"camera": camera, "frames": tuple(own.full)})
             )
     return problems
 

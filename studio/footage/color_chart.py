@@ -81,15 +81,15 @@ def find_chart(image: np.ndarray) -> ChartColors:
     upside_down = replace(
         seen, colors=seen.colors[::-1], clipped=seen.clipped[::-1], corners=np.roll(seen.corners[::-1], 2, axis=1)
     )
-    found = min((seen, upside_down), key=_misfit)
-    misfit = _misfit(found)
+    chart = min((seen, upside_down), key=_misfit)
+    misfit = _misfit(chart)
     if misfit > _WRONG:
         problem = (
             f"24 patches are seen, but they are not those of a ColorChecker Classic (off by {255 * misfit:.0f} levels)"
         )
         fix = "Use a ColorChecker Classic that nothing covers."
         raise StudioError("color_chart.wrong", problem, value=round(255 * misfit, 1), fix=fix)
-    return found
+    return chart
 
 
 def _not_found() -> StudioError:
@@ -160,7 +160,7 @@ def fit_chart_colors(
         raise StudioError(
             "color_chart.too_few", problem, value=len(seen), fix=fix, setting="train.camera_colors", frame=frame
         )
-    usable = ~np.any([one.clipped for one in seen.values()], axis=0)
+    usable = ~np.any([chart.clipped for chart in seen.values()], axis=0)
     if usable.sum() < _LEAST_PATCHES:
         raise StudioError(
             "color_chart.clipped",
@@ -171,12 +171,12 @@ def fit_chart_colors(
             expected=_LEAST_PATCHES,
             frame=frame,
         )
-    colors = {name: one.colors[usable] for name, one in seen.items()}
+    colors = {name: chart.colors[usable] for name, chart in seen.items()}
     mean = np.mean(list(colors.values()), axis=0)
-    matrices = {name: _matrix(mean, one) for name, one in colors.items()}
+    matrices = {name: _matrix(mean, patches) for name, patches in colors.items()}
     base = np.column_stack([mean, np.ones(len(mean))])
-    before = {name: _levels(one - mean) for name, one in colors.items()}
-    after = {name: _levels(one - base @ matrices[name].T) for name, one in colors.items()}
+    before = {name: _levels(patches - mean) for name, patches in colors.items()}
+    after = {name: _levels(patches - base @ matrices[name].T) for name, patches in colors.items()}
     return ChartFit(frame, matrices, before, after, without, int(usable.sum()))
 
 

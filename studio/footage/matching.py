@@ -90,14 +90,14 @@ def refuse_missing(rig: Rig, names: Sequence[str]) -> None:
 def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
     """Name in the footage to that in the rig or its `left_out`, of those that have one."""
     known = dict.fromkeys((*rig.names, *rig.left_out))
-    found = {name: name for name in known}
-    if not set(names) <= set(found):
+    by_name = {name: name for name in known}
+    if not set(names) <= set(by_name):
         stems = {PurePosixPath(without_extension(name)).name: name for name in known}
-        if len(stems) == len(known) and len(set(names) & set(stems)) > len(set(names) & set(found)):
-            found = stems
-    if not set(names) <= set(found):
-        found = _by_number(found, names) or found
-    return {name: found[name] for name in names if name in found}
+        if len(stems) == len(known) and len(set(names) & set(stems)) > len(set(names) & set(by_name)):
+            by_name = stems
+    if not set(names) <= set(by_name):
+        by_name = _by_number(by_name, names) or by_name
+    return {name: by_name[name] for name in names if name in by_name}
 
 
 def _by_number(cameras: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:

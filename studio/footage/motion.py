@@ -40,7 +40,7 @@ def motion(images: tuple[np.ndarray, np.ndarray], masks: tuple[np.ndarray, np.nd
     moved = np.maximum(np.linalg.norm(flow, axis=-1)[old > 0] - _STILL, 0)
     reach = 2 * round(_NEAR * area**0.5) + 1
     near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
-    changed = sum(int((one > cv2.dilate(other, near)).sum()) for one, other in ((old, new), (new, old)))
+    changed = sum(int((mask > cv2.dilate(other, near)).sum()) for mask, other in ((old, new), (new, old)))
     return float(np.sqrt(np.square(moved).sum()) + changed) / area
 
 

@@ -78,16 +78,16 @@ def open_footage(
     cache_folder = None if cache_folder is None else Path(cache_folder)
     spec = on_this_machine(spec)
     pattern, matches = _find_images(spec)
-    found = tuple(dict.fromkeys(match.camera for match in matches))
+    names = tuple(dict.fromkeys(match.camera for match in matches))
     if spec.cameras:
-        refuse_unknown_cameras(spec.cameras, found, "capture.cameras")
+        refuse_unknown_cameras(spec.cameras, names, "capture.cameras")
         matches = [match for match in matches if match.camera in spec.cameras]
-        found = tuple(name for name in found if name in spec.cameras)
+        names = tuple(name for name in names if name in spec.cameras)
     if every_camera and rig is not None and not spec.cameras:
-        refuse_missing(rig, found)
-    held_out = held_out_cameras(spec, found)
+        refuse_missing(rig, names)
+    held_out = held_out_cameras(spec, names)
     if rig is not None:
-        rig = rig_of_footage(rig, spec, [name for name in found if name not in without_masks], without_masks)
+        rig = rig_of_footage(rig, spec, [name for name in names if name not in without_masks], without_masks)
         matches = [match for match in matches if match.camera in rig]
         held_out = tuple(name for name in held_out if name in rig)
     pool = DecoderPool(4)
@@ -97,7 +97,7 @@ def open_footage(
         pool.close()
         raise
     pool.limit = min(decoder_limit(source.width, source.height) for source in sources.values())
-    refuse_unknown_cameras(tuple(spec.offsets), found, "capture.offsets")
+    refuse_unknown_cameras(tuple(spec.offsets), names, "capture.offsets")
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise _all_of(problems)
@@ -117,7 +117,7 @@ def open_footage(
     masked_names = masked_cameras(mask_source, tuple(sources))
     unmasked = [name for name in sources if name not in masked_names]
     sources = _with_masks(spec, sources, unmasked, held_out)
-    left_out = tuple(name for name in found if name not in sources and name in (*without_masks, *unmasked))
+    left_out = tuple(name for name in names if name not in sources and name in (*without_masks, *unmasked))
     if left_out:
         choices.append(f"Without masks, so not used: {cameras_listed(left_out)}. To use them, add masks.")
     unmeasured = [name for name in unmasked if name in held_out]
@@ -319,25 +319,25 @@ def _found(spec: CaptureSettings, pattern: str, sources: Mapping[str, FrameSourc
     span = "no common frames"
     if frames:
         span = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames ({frames[0]} to {frames[-1]})"
-    found = f"Footage '{pattern}' in {shown(str(spec.root))}: {counted(len(sources), 'camera')}, {span}, {size}."
+    sentence = f"Footage '{pattern}' in {shown(str(spec.root))}: {counted(len(sources), 'camera')}, {span}, {size}."
     stills = spec.images == "auto" and all(isinstance(source, ImageSource) for source in sources.values())
     counts = {len(source.frames) for source in sources.values()}
     if stills and len(sources) > 1 and counts == {1}:
-        found += " Each image is a camera of its own; if they are frames, set capture.images."
+        sentence += " Each image is a camera of its own; if they are frames, set capture.images."
     elif stills and len(sources) == 1 and max(counts) > 1:
-        found += " All images are frames of one camera; if they are of several, set capture.images."
+        sentence += " All images are frames of one camera; if they are of several, set capture.images."
     elif spec.images == "auto" and len(sources) > 1 and not stills:
         files = [source.files()[0].relative_to(spec.root).as_posix() for source in sources.values()]
         parts = parts_pattern(files)
         chapters = chapters_of_one(files)
         if chapters:
-            found += (
+            sentence += (
                 f" {listed(list(map(repr, chapters)))} are named as parts of one recording, but each is a camera here: "
                 "put the files of each camera into a folder of its own."
             )
         elif parts is not None:
-            found += f" Each video is a camera; if they are parts of recordings, set capture.images to '{parts}'."
-    return found
+            sentence += f" Each video is a camera; if they are parts of recordings, set capture.images to '{parts}'."
+    return sentence
 
 
 def _warps(spec: CaptureSettings, rig: Rig, sources: Mapping[str, FrameSource], notes: list[str]) -> dict[str, Warp]:

@@ -41,7 +41,7 @@ class SyncReport:
 
     def warnings(self) -> list[Message]:
         """`sync.offset` (fields `camera`, `method`) per late or early camera; `sync.unknown` per one in `unsure`."""
-        found = []
+        messages = []
         for name, offset in self.whole.items():
             frames = counted(abs(offset), "frame")
             what = f"is {frames} {'late' if offset > 0 else 'early'}"
@@ -50,14 +50,14 @@ class SyncReport:
             problem = f"Camera '{name}' {what} according to its {self.method}"
             fix = f"Set capture.offsets to {{{name}: {offset}}}."
             fields = {"camera": name, "method": self.method, "setting": "capture.offsets"}
-            found.append(Message("sync.offset", problem, value=offset, fix=fix, fields=fields))
+            messages.append(Message("sync.offset", problem, value=offset, fix=fix, fields=fields))
         for name in self.unsure:
             why = f"its {self.method} does not match any other camera"
             if self.method == "timecode":
                 why = "it has no timecode"
             problem = f"Camera '{name}': {why}, so its offset is unknown"
-            found.append(Message("sync.unknown", problem, fields={"camera": name, "method": self.method}))
-        return found
+            messages.append(Message("sync.unknown", problem, fields={"camera": name, "method": self.method}))
+        return messages
 
 
 def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, float], dict[str, float]]:
@@ -119,9 +119,9 @@ def _solve(count: int, pairs: Sequence[tuple[int, int, float, float]]) -> np.nda
         weight = (weights * trust)[:, None]
         # pairs only determine differences: the last row sets the sum to 0
         left = np.vstack([rows * weight, np.full((1, len(used)), 1e-6)])
-        found = np.linalg.lstsq(left, np.append(wanted * weight[:, 0], 0), rcond=None)[0]
-        trust = 1 / np.maximum(1, np.abs(rows @ found - wanted))
-    lags[used] = found
+        solution = np.linalg.lstsq(left, np.append(wanted * weight[:, 0], 0), rcond=None)[0]
+        trust = 1 / np.maximum(1, np.abs(rows @ solution - wanted))
+    lags[used] = solution
     return lags
 
 
@@ -166,30 +166,33 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
         lags, best = offsets_of(signals, min(round(seconds * footage.fps), len(footage.frames) // 3))
         used = "motion"
     unsure = tuple(name for name in names if not np.isfinite(lags[name]))
-    found = {name: round(lag, 3) for name, lag in lags.items() if np.isfinite(lag)}
-    return SyncReport(used, found, {name: round(value, 3) for name, value in best.items()}, unsure)
+    offsets = {name: round(lag, 3) for name, lag in lags.items() if np.isfinite(lag)}
+    return SyncReport(used, offsets, {name: round(value, 3) for name, value in best.items()}, unsure)
 
 
 def _by_timecode(footage: Footage) -> SyncReport:
     """Offsets from the start timecodes of the videos."""
-    found = {name: one for name, file in _videos(footage).items() if (one := read_timecode(file)) is not None}
-    without = tuple(name for name in footage.camera_names if name not in found)
-    if len(found) < 2:
-        problem = f"{len(found)} of {len(footage.camera_names)} cameras have a timecode; it takes two to compare"
+    labels = {name: label for name, file in _videos(footage).items() if (label := read_timecode(file)) is not None}
+    without = tuple(name for name in footage.camera_names if name not in labels)
+    if len(labels) < 2:
+        problem = f"{len(labels)} of {len(footage.camera_names)} cameras have a timecode; it takes two to compare"
         fix = "Synchronize by sound or motion."
-        raise StudioError("sync.no_timecode", problem, value=len(found), fix=fix, cameras=without)
-    offsets = timecode_offsets(found)
+        raise StudioError("sync.no_timecode", problem, value=len(labels), fix=fix, cameras=without)
+    offsets = timecode_offsets(labels)
     frames = {name: footage.frames_of(name) for name in offsets}
     spans = {name: (frames[name][0] - lag, frames[name][-1] - lag) for name, lag in offsets.items()}
     last, first = max(spans, key=lambda name: spans[name][0]), min(spans, key=lambda name: spans[name][1])
     if spans[last][0] > spans[first][1]:
         problem = (
-            f"Camera '{first}' ends before camera '{last}' starts ({found[first].text} and {found[last].text}), "
+            f"Camera '{first}' ends before camera '{last}' starts ({labels[first].text} and {labels[last].text}), "
             "according to their timecodes"
         )
         fix = "Leave one of them out with capture.cameras, or synchronize by sound or motion."
         raise StudioError("sync.no_overlap", problem, fix=fix, cameras=(first, last))
-    lags, texts = {name: float(lag) for name, lag in offsets.items()}, {name: one.text for name, one in found.items()}
+    lags, texts = (
+        {name: float(lag) for name, lag in offsets.items()},
+        {name: label.text for name, label in labels.items()},
+    )
     return SyncReport("timecode", lags, {}, without, texts)
 
 
@@ -197,7 +200,7 @@ def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
     """Camera to (frames - 1,) square roots of the mean change between consecutive frames in gray levels."""
     import cv2
 
-    found = {}
+    signals = {}
     for name in footage.camera_names:
         before, values = None, []
         for frame in footage.frames:
@@ -210,8 +213,8 @@ def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
                 # noise and compression change all pixels; their contribution is subtracted
                 values.append(float(np.maximum(change - 2 * np.median(change) - 2, 0).mean()))
             before = gray
-        found[name] = np.sqrt(np.array(values))
-    return found
+        signals[name] = np.sqrt(np.array(values))
+    return signals
 
 
 def _videos(footage: Footage) -> dict[str, Path]:

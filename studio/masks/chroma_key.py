@@ -79,8 +79,8 @@ def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     plain = 1 - cv2.dilate(mask, disc)
     everywhere = image[plain > 0] if plain.any() else image.reshape(-1, 3)
     middle = np.median(everywhere[::17], axis=0).astype(np.float32)
-    found = _extrapolate(image.astype(np.float32), plain, 3 * reach, middle)
-    return np.rint(np.clip(found, 0, 255)).astype(np.uint8)
+    screen_color = _extrapolate(image.astype(np.float32), plain, 3 * reach, middle)
+    return np.rint(np.clip(screen_color, 0, 255)).astype(np.uint8)
 
 
 def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise: np.ndarray) -> np.ndarray:

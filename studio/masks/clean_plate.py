@@ -100,7 +100,7 @@ def difference_evidence(image: np.ndarray, plate: np.ndarray, settings: Differen
                 channels[index] = cv2.GaussianBlur(channel, (0, 0), 1.3)
         luma_chroma.append(channels)
     ours, empty = luma_chroma
-    difference = [one - other for one, other in zip(ours, empty, strict=True)]
+    difference = [texture - empty_texture for texture, empty_texture in zip(ours, empty, strict=True)]
     noise = [_noise(channel) for channel in difference]
     shadow, factor = _shadow(ours[0], empty[0], noise[0]) if settings.mask_shadows != "none" else (None, None)
     colored = settings.mask_shadows == "colored"
@@ -147,7 +147,7 @@ def _shadow(ours: np.ndarray, empty: np.ndarray, noise: np.float32) -> tuple[np.
 
     size = WINDOW
     pairs = ((ours, empty), (empty, empty), (ours, ours))
-    factor, empties, residual = (cv2.boxFilter(one * other, -1, size) for one, other in pairs)
+    factor, empties, residual = (cv2.boxFilter(first * second, -1, size) for first, second in pairs)
     products = factor.copy()
     np.maximum(empties, np.float32(1.0), out=empties)
     factor /= empties
@@ -166,7 +166,7 @@ def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     Where the plate is not known, only colors are used, which are learned from this image if `behind` has none. Where it
     is doubtful, similarity to the plate makes no hole.
     """
-    ours, empty = (reduced(one, WORK_SIDE).astype(np.float32) for one in (image, behind.plate))
+    ours, empty = (reduced(pixels, WORK_SIDE).astype(np.float32) for pixels in (image, behind.plate))
     known, doubtful = (
         None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0
         for area in (behind.known, behind.doubtful)

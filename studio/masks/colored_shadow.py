@@ -75,8 +75,8 @@ def _without_texture(ours: np.ndarray, empty: np.ndarray, asked: np.ndarray) -> 
     parts = (weight, *(weight * part for part in _textures(ours, empty, _SMALL)[:3]))
     count, own, plate, common = (cv2.boxFilter(part, -1, _NEARBY, normalize=False) for part in parts)
     slope, error = _regression(count, own, plate, common)
-    found = ((slope + 2 * error < _LEAST_SLOPE) & (count > _LEAST_PIXELS)).astype(np.uint8)
-    return cv2.dilate(found, np.ones(_RIM, np.uint8)) > 0  # at the outline, windows also hold the set
+    is_plain = ((slope + 2 * error < _LEAST_SLOPE) & (count > _LEAST_PIXELS)).astype(np.uint8)
+    return cv2.dilate(is_plain, np.ones(_RIM, np.uint8)) > 0  # at the outline, windows also hold the set
 
 
 def _regression(
@@ -98,10 +98,10 @@ def _with_penumbra(sure: np.ndarray) -> np.ndarray:
     """(B, B, B) bool of shadows, and of all that lies between them and no shadow: their edges."""
     width = _BRIGHTEST / _FACTOR_BINS
     depth = 1 - (np.argwhere(sure) + 0.5) * width
-    found = np.zeros_like(sure)
+    passes = np.zeros_like(sure)
     for share in np.linspace(0.2, 1.0, 13):
-        found[tuple(np.clip((1 - share * depth) / width, 0, _FACTOR_BINS - 1).astype(int).T)] = True
-    return found
+        passes[tuple(np.clip((1 - share * depth) / width, 0, _FACTOR_BINS - 1).astype(int).T)] = True
+    return passes
 
 
 def _sum_nearby(flat: np.ndarray, weight: np.ndarray) -> np.ndarray:

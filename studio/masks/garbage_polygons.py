@@ -86,8 +86,8 @@ def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
         problem = first_violation(error, what)[1]
     else:
         return {
-            name: GarbagePolygons(tuple(map(np.array, one.keep)), tuple(map(np.array, one.remove)), one.size)
-            for name, one in cameras.items()
+            name: GarbagePolygons(tuple(map(np.array, own.keep)), tuple(map(np.array, own.remove)), own.size)
+            for name, own in cameras.items()
         }
     fix = "Write it as in docs/guides/masks.md: cam01: {remove: [[[0, 0], [1920, 0], [1920, 200]]]}."
     raise StudioError("mask.garbage_file", problem, file=path, fix=fix, setting="capture.garbage_masks")
@@ -96,11 +96,11 @@ def read_garbage_polygons(path: Path) -> dict[str, GarbagePolygons]:
 def write_garbage_polygons(path: Path, polygons: Mapping[str, GarbagePolygons]) -> None:
     """Write what `read_garbage_polygons` reads; cameras without polygons are left out. Raises OSError."""
     tree = {}
-    for camera, one in polygons.items():
-        lists = {"keep": one.keep, "remove": one.remove}
-        found: dict[str, Any] = {
+    for camera, own in polygons.items():
+        lists = {"keep": own.keep, "remove": own.remove}
+        entry: dict[str, Any] = {
             key: [np.round(polygon, 2).tolist() for polygon in value] for key, value in lists.items() if value
         }
-        if found:
-            tree[camera] = found | ({"size": list(one.size)} if one.size is not None else {})
+        if entry:
+            tree[camera] = entry | ({"size": list(own.size)} if own.size is not None else {})
     write_text(path, dump_yaml(tree, flow=None))

@@ -19,15 +19,15 @@ def open_imported(inputs: MaskInputs) -> tuple[MaskSource, str]:
     """The source that `capture.masks` names, and its description. Raises StudioError: it cannot be used."""
     path = inputs.spec.masks
     name, _, attribute = path.partition(":")
-    found = getattr(_module(name, path), attribute, None)
-    if isinstance(found, type) or not isinstance(found, MaskSource):
+    source = getattr(_module(name, path), attribute, None)
+    if isinstance(source, type) or not isinstance(source, MaskSource):
         problem = f"capture.masks is {path}, but {attribute} in the module {name} is not a source of masks"
         fix = (
             "Write @v3studio.FunctionMaskSource above the function, or name an object with the methods of "
             "v3studio.MaskSource."
         )
         raise StudioError("mask.not_a_source", problem, value=path, fix=fix, setting="capture.masks")
-    return found, path
+    return source, path
 
 
 def _module(name: str, path: str) -> ModuleType:

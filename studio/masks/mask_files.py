@@ -41,17 +41,17 @@ class FileMaskSource:
             source = self._source(camera, 0)
             count = len(source.frames)
             chosen = sorted({source.frames[index] for index in np.linspace(0, count - 1, _SAMPLED_FRAMES).astype(int)})
-            found = values_in([_read(source, frame) for frame in chosen], _is_exact(source), self._labels)
-            if self._labels not in ((), INVERTED) and found.highest and not found.labels:
+            meaning = values_in([_read(source, frame) for frame in chosen], _is_exact(source), self._labels)
+            if self._labels not in ((), INVERTED) and meaning.highest and not meaning.labels:
                 raise StudioError(
                     "mask.no_label",
-                    f"the masks of camera '{camera}' are not labels, but have {found}",
+                    f"the masks of camera '{camera}' are not labels, but have {meaning}",
                     file=source.files([chosen[0]])[0],
                     fix="Remove capture.mask_labels.",
                     camera=camera,
                     setting="capture.mask_labels",
                 )
-            self._values[camera] = found
+            self._values[camera] = meaning
         return self._values[camera]
 
     @property
@@ -63,22 +63,19 @@ class FileMaskSource:
     def warnings(self) -> list[Message]:
         """What is not as in usual masks: they are nearly black (`mask.weak`), or inverted (`mask.inverted`)."""
         sampled = self.sampled
-        weak = {
-            name: found for name, found in sampled.items() if not found.labels and 0 < found.highest < found.full / 2
-        }
-        inverted = [
-            name for name, found in sampled.items() if found.border > 0.5
-        ]  # in most images, a performer is in the middle
+        weak = {name: own for name, own in sampled.items() if not own.labels and 0 < own.highest < own.full / 2}
+        # in most images, a performer is in the middle
+        inverted = [name for name, own in sampled.items() if own.border > 0.5]
         warnings = []
-        for name, found in list(weak.items())[:1]:
+        for name, own in list(weak.items())[:1]:
             warnings.append(
                 Message(
                     "mask.weak",
                     f"the masks of {cameras_listed(weak)} never reach half of full scale, so they show no performer: "
-                    f"the highest value is {found.highest:g} of {found.full:g}",
+                    f"the highest value is {own.highest:g} of {own.full:g}",
                     file=self._sources[name].files()[0],
-                    value=found.highest,
-                    fix=f"Write them again, with {found.full:g} for the performer.",
+                    value=own.highest,
+                    fix=f"Write them again, with {own.full:g} for the performer.",
                     fields={"cameras": tuple(weak)},
                 )
             )
@@ -130,14 +127,14 @@ class FileMaskSource:
         return [path for source in self._sources.values() for path in source.files()]
 
 
-def _instead_of_inverted(found: MaskValues, chosen: tuple[int, ...]) -> str:
+def _instead_of_inverted(meaning: MaskValues, chosen: tuple[int, ...]) -> str:
     """What to do about masks whose border is foreground."""
-    others = [label for label in found.labels if label != found.around]
+    others = [label for label in meaning.labels if label != meaning.around]
     if chosen == INVERTED:
         return "If that is not so, remove capture.mask_labels."
     if others:
-        return f"If {found.around:g} is the background, set capture.mask_labels to {inline_yaml(others)}."
-    if not found.lowest:
+        return f"If {meaning.around:g} is the background, set capture.mask_labels to {inline_yaml(others)}."
+    if not meaning.lowest:
         return f"If they are inverted, set capture.mask_labels to {inline_yaml(list(INVERTED))}."
     return "Write them again, with 0 for the background."
 
@@ -156,19 +153,19 @@ def _is_exact(source: FrameSource) -> bool:
 
 def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
     """Masks from files: see `studio.masks.sources`. Raises StudioError `mask.not_found` or `mask.missing`."""
-    found = find_files_of(
+    files = find_files_of(
         inputs, "mask_files", MASK_FOLDERS, required,
         code="mask.not_found", what="mask", example="masks/{camera}/{frame}.png",
     )  # fmt: skip
-    if found is None:
+    if files is None:
         return None
-    pattern, matches = found
+    pattern, matches = files
     needed = [name for name in inputs.names if name not in inputs.held_out]
     source = _file_mask_source(
         matches, inputs.spec, needed, inputs.frames, inputs.pool, "mask", inputs.spec.mask_labels, not required
     )
     values = source.sampled
-    wanted, known = inputs.spec.mask_labels, sorted({label for found in values.values() for label in found.labels})
+    wanted, known = inputs.spec.mask_labels, sorted({label for meaning in values.values() for label in meaning.labels})
     if wanted not in ((), INVERTED) and known and not set(wanted) & set(known):
         problem = f"capture.mask_labels is {inline_yaml(list(wanted))}, but the masks have {', '.join(map(str, known))}"
         fix = "Choose from these."
@@ -180,7 +177,7 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
 
 def _described(values: Mapping[str, MaskValues]) -> str:
     """What the masks of some cameras contain, in parentheses."""
-    kinds = {str(found): name for name, found in values.items() if found.highest}
+    kinds = {str(meaning): name for name, meaning in values.items() if meaning.highest}
     words = f" ({'; '.join(f'camera {name}: {kind}' if len(kinds) > 1 else kind for kind, name in kinds.items())})"
     return words if kinds else " (all that were looked at are empty)"
 
@@ -195,12 +192,12 @@ def find_files_of(
         fix = f"Check capture.{setting}."
         none = StudioError(code, problem, file=root, value=wanted, fix=fix, setting=f"capture.{setting}")
         return wanted, matching(root, wanted, inputs.sources, none)
-    found = find_beside(root, folders, inputs.sources)
-    if found is None and required:
+    files = find_beside(root, folders, inputs.sources)
+    if files is None and required:
         problem = f"no {what}s found" if what != "mask" else "no mask files found"
         fix = f"Set capture.{setting}, for example '{example}'."
         raise StudioError(code, problem, file=root, fix=fix, setting=f"capture.{setting}")
-    return found
+    return files
 
 
 def matching(root: Path, pattern: str, cameras: Container[str], none: StudioError) -> list[Match]:
@@ -215,17 +212,17 @@ def find_beside(
     root: Path, folders: re.Pattern[str], sources: Mapping[str, FrameSource]
 ) -> tuple[str, list[Match]] | None:
     """Masks or clean plates below `root`, or else in the folder of `root` that has all the footage."""
-    found = next(all_beside(root, folders, tuple(sources)), None)
-    if found is not None:
-        return found
+    beside = next(all_beside(root, folders, tuple(sources)), None)
+    if beside is not None:
+        return beside
     files = [path for source in sources.values() for path in source.files()]
     within = [path.relative_to(root).parts for path in files if path.is_relative_to(root)]
     first = {parts[0] for parts in within if len(parts) > 1}
     if len(within) < len(files) or len(first) != 1:
         return None
     folder = first.pop()
-    found = next(all_beside(root / folder, folders, tuple(sources)), None)
-    return (f"{folder}/{found[0]}", found[1]) if found is not None else None
+    beside = next(all_beside(root / folder, folders, tuple(sources)), None)
+    return (f"{folder}/{beside[0]}", beside[1]) if beside is not None else None
 
 
 def _file_mask_source(

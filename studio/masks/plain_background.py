@@ -124,9 +124,9 @@ class PlainMaskSource(MaskSource):
         colors = [
             plain_color(self._inputs.first_image(camera)) for camera in evenly_spaced(self._inputs.names, _CAMERAS)
         ]
-        found = [color for color in colors if color is not None]
-        for color in found:
-            if 2 * sum(bool(_near(other, color)) for other in found) >= max(2, len(colors)):
+        known = [color for color in colors if color is not None]
+        for color in known:
+            if 2 * sum(bool(_near(other, color)) for other in known) >= max(2, len(colors)):
                 return color
         return None
 

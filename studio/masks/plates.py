@@ -86,13 +86,13 @@ def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
 def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSource, str] | None:
     """Masks from clean plates: see `studio.masks.sources`."""
     spec = inputs.spec
-    found = find_files_of(
+    plates = find_files_of(
         inputs, "clean_plates", PLATE_FOLDERS, required,
         code="mask.plates_not_found", what="clean plate", example="clean_plates/{camera}.png",
     )  # fmt: skip
-    if found is None:
+    if plates is None:
         return None
-    pattern, matches = found
+    pattern, matches = plates
     paths = {name: [match.path for match in matches if match.camera == name] for name in inputs.names}
     without = [name for name in inputs.names if not paths[name]]
     if without:

@@ -54,10 +54,10 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
         return own, f"Masks: {words}."
     for source in SOURCES:
         if source.name == kind or (kind == "auto" and source.automatic):
-            found = source.open(inputs, kind != "auto")
-            if found is not None:
+            opened = source.open(inputs, kind != "auto")
+            if opened is not None:
                 auto = f", chosen automatically{_unused(inputs, source.name)}" if kind == "auto" else ""
-                return found[0], f"Masks: {found[1]}{auto}."
+                return opened[0], f"Masks: {opened[1]}{auto}."
     missing = MissingMaskSource(
         "no alpha channel, mask files, clean plates or plain background, and too few frames to estimate the background "
         f"({inputs.frame_count}; {FEW_FRAMES} are needed)"

@@ -25,8 +25,8 @@ def has_credentials(path: Path | str) -> bool:
 
     Anywhere in it, not only before the first slash: AWS's secrets may contain slashes.
     """
-    found = _SCHEME.match(str(path))
-    rest = str(path)[found.end() :] if found else ""
+    scheme = _SCHEME.match(str(path))
+    rest = str(path)[scheme.end() :] if scheme else ""
     return "?" in rest or ":" in rest.rpartition("@")[0]
 
 

@@ -63,16 +63,16 @@ class DiskCache:
                 self._evict(limit)
 
     def _evict(self, limit: int) -> None:
-        found: list[tuple[float, int, Path]] = []
+        files: list[tuple[float, int, Path]] = []
         with suppress(FileNotFoundError):  # someone deletes the cache meanwhile
             for path in self.folder.glob("objects/*/*"):
                 with suppress(FileNotFoundError):
                     state = path.stat()
-                    found.append((state.st_mtime, state.st_blocks * 512, path))
-        total = sum(size for _, size, _ in found)
+                    files.append((state.st_mtime, state.st_blocks * 512, path))
+        total = sum(size for _, size, _ in files)
         if total <= limit:
             return
-        for _, size, path in sorted(found):
+        for _, size, path in sorted(files):
             path.unlink(missing_ok=True)
             total -= size
             if total <= limit * _KEEP:

@@ -199,7 +199,7 @@ def whole_files(paths: Sequence[Path]) -> list[Path]:
     if not pointers:
         return list(paths)
     first = next(iter(pointers.values()))
-    key = hashlib.sha256("".join(f"{path.name}\0{found.key}\0" for path, found in pointers.items()).encode())
+    key = hashlib.sha256("".join(f"{path.name}\0{pointer.key}\0" for path, pointer in pointers.items()).encode())
     folder = Path(first.cache) / "whole" / key.hexdigest()[:40]
     show_as(f"{folder}/", f"{first.store}/{first.path}"[: -len(first.path.rpartition("/")[2])])
     with _room(Path(first.cache)):
@@ -211,7 +211,7 @@ def whole_files(paths: Sequence[Path]) -> list[Path]:
 def _copy(pointer: Pointer, path: Path) -> None:
     if path.is_file() and path.stat().st_size == pointer.size:
         return
-    found = CachedObject(pointer)
+    stored = CachedObject(pointer)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        while part := found.read(_COPIED_AT_ONCE):
+        while part := stored.read(_COPIED_AT_ONCE):
             file.write(part)

@@ -60,17 +60,17 @@ class Store:
 
         def find() -> Mapping[str, Any]:
             try:
-                found: Mapping[str, Any] = self._files.find(self._root, detail=True, withdirs=False)
+                entries: Mapping[str, Any] = self._files.find(self._root, detail=True, withdirs=False)
             except FileNotFoundError as error:
                 if re.search("bucket|container", self._without_names(str(error), ""), re.IGNORECASE):
                     raise
                 return {}
-            return found
+            return entries
 
-        found = self._repeated("listed", "", find)
+        entries = self._repeated("listed", "", find)
         return {
             name.removeprefix(self._root).lstrip("/"): _entry(about)
-            for name, about in found.items()
+            for name, about in entries.items()
             if about.get("type", "file") == "file" and not name.endswith("/")
         }
 

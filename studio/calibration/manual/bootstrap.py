@@ -49,14 +49,14 @@ class TieRig:
 
     def errors(self) -> dict[str, np.ndarray]:
         """Camera name to (P,) reprojection errors in pixels: NaN without a mark, infinite behind the camera."""
-        found = {}
+        worst = {}
         for name, camera in self.cameras.items():
             pixels, depth = camera.project(np.nan_to_num(self.points3d))
             error = np.linalg.norm(pixels - self.observations.pixels[name], axis=1)
             error[depth <= 0] = np.inf
             error[~(self.observations.seen(name) & self.triangulated)] = np.nan
-            found[name] = error
-        return found
+            worst[name] = error
+        return worst
 
 
 def initial_rigs(intrinsics: Mapping[str, Camera], observations: Observations, seed: int) -> Iterator[TieRig]:
@@ -90,7 +90,7 @@ def _grown(intrinsics: Mapping[str, Camera], rig: TieRig, seed: int) -> TieRig:
         triangulate(rig)
         known = rig.triangulated
         counts = {name: int((observations.seen(name) & known).sum()) for name in intrinsics if name not in rig.cameras}
-        found = False
+        has_grown = False
         for name in sorted(counts, key=lambda n: -counts[n]):
             if counts[name] < LEAST_KNOWN:
                 break
@@ -98,9 +98,9 @@ def _grown(intrinsics: Mapping[str, Camera], rig: TieRig, seed: int) -> TieRig:
             pose = _absolute(intrinsics[name], observations.pixels[name][index], rig.points3d[index], seed)
             if pose is not None:
                 rig.cameras[name] = replace(intrinsics[name], world_to_camera=pose)
-                found = True
+                has_grown = True
                 break
-        if not found:
+        if not has_grown:
             return rig
 
 
@@ -127,10 +127,10 @@ def _absolute(camera: Camera, pixels: np.ndarray, points3d: np.ndarray, seed: in
     options = pycolmap.AbsolutePoseEstimationOptions()
     options.ransac.max_error = _WORST * max(camera.width, camera.height)
     options.ransac.random_seed = seed
-    found = pycolmap.estimate_and_refine_absolute_pose(pixels, points3d, _sensor(camera), options)
-    if found is None or found["num_inliers"] < LEAST_KNOWN:
+    estimate = pycolmap.estimate_and_refine_absolute_pose(pixels, points3d, _sensor(camera), options)
+    if estimate is None or estimate["num_inliers"] < LEAST_KNOWN:
         return None
-    return np.vstack([found["cam_from_world"].matrix(), [0, 0, 0, 1]])
+    return np.vstack([estimate["cam_from_world"].matrix(), [0, 0, 0, 1]])
 
 
 def _relative(
@@ -147,10 +147,10 @@ def _relative(
     options.ransac.random_seed = seed
     points = [observations.pixels[camera.name][shared] for camera in (first, second)]
     matches = np.repeat(np.arange(len(shared), dtype=np.uint32)[:, None], 2, axis=1)
-    found = pycolmap.estimate_calibrated_two_view_geometry(
+    geometry = pycolmap.estimate_calibrated_two_view_geometry(
         _sensor(first), points[0], _sensor(second), points[1], matches, options
     )
-    pose = found.cam2_from_cam1
+    pose = geometry.cam2_from_cam1
     if pose is None or not np.linalg.norm(pose.translation) > 1e-6:
         return None
     return np.vstack([pose.matrix(), [0, 0, 0, 1]])

@@ -75,11 +75,11 @@ def uncertainty(rig: TieRig, groups: Sequence[Sequence[str]], *, radial: bool) -
     residuals = marks.residuals(values)
     beyond = len(residuals) - len(values) + _FREE
     noise = max(1.0, float(np.sqrt((residuals**2).sum() / beyond))) if beyond > 0 else 1.0
-    found = {}
+    deviations = {}
     for number, name in enumerate(problem.names):
         own = slice(6 * number, 6 * number + 6)
-        found[name] = noise * float(np.linalg.norm(_center_slopes(values[own]) * units[own] @ roots[own])) / size
-    return found
+        deviations[name] = noise * float(np.linalg.norm(_center_slopes(values[own]) * units[own] @ roots[own])) / size
+    return deviations
 
 
 def _center_slopes(pose: np.ndarray) -> np.ndarray:

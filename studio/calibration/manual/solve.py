@@ -105,10 +105,10 @@ def calibrate_from_tie_points(
 def _best(attempts: Iterable[TieRig], count: int) -> TieRig | None:
     """The first attempt with all cameras and a good fit; else the one with most cameras and least misfit."""
     best, rank = None, (0, -np.inf)
-    for found in attempts:
-        own = (len(found.cameras), -_misfit(found))
+    for attempt in attempts:
+        own = (len(attempt.cameras), -_misfit(attempt))
         if own > rank:
-            best, rank = found, own
+            best, rank = attempt, own
         if rank[0] == count and -rank[1] < _GOOD * MARK:
             break
     return best
@@ -268,9 +268,9 @@ def _figures(
         index = rows[:, 0].astype(int)
         errors[index] += np.linalg.norm(camera.project(points3d[index])[0] - rows[:, 1:], axis=1)
         counts[index] += 1
-    found = {}
+    reports = {}
     for name, error, count, point, measured in zip(names, errors, counts, points3d, world, strict=True):
         off = {} if np.isnan(measured[0]) else {"off": round(float(np.linalg.norm(point - measured)), 5)}
         mean = round(float(error / count), 3) if count else None
-        found[name] = TiePointReport(cameras=int(count), error=mean, **off)
-    return found
+        reports[name] = TiePointReport(cameras=int(count), error=mean, **off)
+    return reports

@@ -15,10 +15,10 @@ def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float,
     import cv2
 
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found = [place for place in (_fit(gray, x, y, radius, dot) for dot in (False, True)) if place is not None]
-    if not found:
+    fits = [place for place in (_fit(gray, x, y, radius, dot) for dot in (False, True)) if place is not None]
+    if not fits:
         return x, y
-    best = min(found, key=lambda place: place[2])
+    best = min(fits, key=lambda place: place[2])
     return best[0], best[1]
 
 

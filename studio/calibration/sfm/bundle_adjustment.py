@@ -58,8 +58,8 @@ def problem(model: Any, job: SfmJob, centers: bool) -> tuple[Any, Any]:
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
-    for index, one in enumerate(job.intrinsics):
-        if one.fixed:
+    for index, intrinsics in enumerate(job.intrinsics):
+        if intrinsics.fixed:
             config.set_constant_cam_intrinsics(index + 1)
     return options, config
 

@@ -165,13 +165,13 @@ def _preview_pairs(path: Path, folder: Path, job: SfmJob) -> list[tuple[int, int
     _match_images(preview, folder, job, names, "preview", _verification(job, fewest=5))
     with pycolmap.Database.open(preview) as small:
         keys, counts = small.read_two_view_geometry_num_inliers()
-    found = {}
+    match_counts = {}
     for key, count in zip(keys, counts, strict=True):
         first, second = sorted(pycolmap.pair_id_to_image_pair(key))
-        found[first - 1, second - 1] = int(count)
+        match_counts[first - 1, second - 1] = int(count)
     for leftover in folder.glob("preview.db*"):
         leftover.unlink()
-    return worthwhile(found, len(job.names))
+    return worthwhile(match_counts, len(job.names))
 
 
 def _match_images(
@@ -224,10 +224,10 @@ def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
         keys, _ = source.read_two_view_geometry_num_inliers()
         for key in keys:
             first, second = pycolmap.pair_id_to_image_pair(key)
-            found = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
-            if len(found):
+            inliers = np.asarray(source.read_two_view_geometry(first, second).inlier_matches).reshape(-1, 2)
+            if len(inliers):
                 pair = ((first - 1) // sync_frames + 1, (second - 1) // sync_frames + 1)
-                together.setdefault(pair, []).append(found + np.array([starts[first], starts[second]]))
+                together.setdefault(pair, []).append(inliers + np.array([starts[first], starts[second]]))
         for (first, second), matches in sorted(together.items()):
             target.write_matches(first, second, np.concatenate(matches).astype(np.uint32))
     verifier = pycolmap.GeometricVerifierOptions()

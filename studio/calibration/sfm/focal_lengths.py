@@ -28,10 +28,10 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
     options.reestimate_relative_pose = False
     pycolmap.calibrate_view_graph(guessed, options)
     with pycolmap.Database.open(guessed) as source, pycolmap.Database.open(database) as target:
-        found = {key: source.read_camera(key) for key in cameras}
-        ratios = {key: focal_ratio(camera) for key, camera in found.items()}
-        middle = float(np.median([ratios[key] for key in cameras if found[key].has_prior_focal_length] or [np.nan]))
-        for key, camera in found.items():
+        stored = {key: source.read_camera(key) for key in cameras}
+        ratios = {key: focal_ratio(camera) for key, camera in stored.items()}
+        middle = float(np.median([ratios[key] for key in cameras if stored[key].has_prior_focal_length] or [np.nan]))
+        for key, camera in stored.items():
             if camera.has_prior_focal_length and _LEAST < ratios[key] / middle < _MOST:
                 target.update_camera(camera)
     guessed.unlink()

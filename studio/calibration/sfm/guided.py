@@ -43,8 +43,8 @@ def write_guided_matches(each: Path, merged: Path, out: Path, model: Any, job: S
     with pycolmap.Database.open(each) as source:
         for image in images:
             for picture in range((image - 1) * job.sync_frames + 1, image * job.sync_frames + 1):
-                found = source.read_descriptors(picture).data.astype(np.float32)
-                codes[image].append(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
+                descriptors = source.read_descriptors(picture).data.astype(np.float32)
+                codes[image].append(descriptors / np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-9))
                 pixels = np.asarray(source.read_keypoints(picture))[:, :2].astype(np.float64)
                 rays[image].append(np.c_[cameras[image].cam_from_img(pixels), np.ones(len(pixels))].astype(np.float32))
     with pycolmap.Database.open(out) as target:

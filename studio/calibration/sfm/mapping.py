@@ -83,9 +83,9 @@ class Mapper:
                 break
         if best is None:
             return None, how
-        one = self.with_shared_intrinsics(best)
-        if one is not None:
-            return self.polished(self.placed_again(one), joint=True), f"{how}, shared intrinsics"
+        shared = self.with_shared_intrinsics(best)
+        if shared is not None:
+            return self.polished(self.placed_again(shared), joint=True), f"{how}, shared intrinsics"
         return self.polished(self.placed_again(best)), how
 
     def with_shared_intrinsics(self, best: Any) -> Any:
@@ -103,20 +103,21 @@ class Mapper:
         try:
             share_intrinsics(self.database, free)
             self._guess_focal_lengths()
-            found = self.incremental(lenient=False)
-            if max(map(self.rank, found), default=(0, 0.0)) < (len(self.job.names), TRUSTED):
-                found += self.incremental(lenient=True)
-            one = max(found, key=self.rank, default=None)
+            models = self.incremental(lenient=False)
+            if max(map(self.rank, models), default=(0, 0.0)) < (len(self.job.names), TRUSTED):
+                models += self.incremental(lenient=True)
+            shared = max(models, key=self.rank, default=None)
         finally:
             self.database.unlink()
             self.database = database
-        if one is None or one.num_reg_images() < best.num_reg_images():
+        if shared is None or shared.num_reg_images() < best.num_reg_images():
             return None
-        return one if match_inlier_ratio(one, database) >= match_inlier_ratio(best, database) - _SHARING_LOSS else None
+        least = match_inlier_ratio(best, database) - _SHARING_LOSS
+        return shared if match_inlier_ratio(shared, database) >= least else None
 
     def free_cameras(self) -> set[int]:
         """Ids of the cameras with unknown intrinsics."""
-        return {i + 1 for i, one in enumerate(self.job.intrinsics) if not one.known}
+        return {i + 1 for i, intrinsics in enumerate(self.job.intrinsics) if not intrinsics.known}
 
     def polished(self, model: Any, joint: bool = False) -> Any:
         """The model, fully converged under a robust loss whose width follows from the noise.
@@ -151,7 +152,7 @@ class Mapper:
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
-        richer = {i + 1: one.becomes for i, one in enumerate(self.job.intrinsics) if one.becomes}
+        richer = {i + 1: intrinsics.becomes for i, intrinsics in enumerate(self.job.intrinsics) if intrinsics.becomes}
         richer = {k: name for k, name in richer.items() if k in model.cameras and model.cameras[k].model.name != name}
         if not richer:
             return model
@@ -178,7 +179,7 @@ class Mapper:
 
     def _stretched(self, model: Any) -> Any:
         """The model with an estimated aspect ratio of the pixels of all cameras, if square ones fit much worse."""
-        if self.job.poses or any(one.becomes not in _ONE_FOCAL_LENGTH for one in self.job.intrinsics):
+        if self.job.poses or any(intrinsics.becomes not in _ONE_FOCAL_LENGTH for intrinsics in self.job.intrinsics):
             return model
         width = _CAUCHY * noise(model)
         ratio, growth = pixel_aspect(model, width, lambda other: self._adjust(other, width, keep=True))
@@ -217,9 +218,9 @@ class Mapper:
         finally:
             self.database.unlink(missing_ok=True)
             self.database = first
-        found = self._completed(rebuilt(model, better.cameras, camera_of_image(model), poses=better))
-        was, now = self.rank(self._completed(model)), self.rank(found)
-        return found if now[0] >= was[0] and now[1] > was[1] - _AS_WELL else model
+        completed = self._completed(rebuilt(model, better.cameras, camera_of_image(model), poses=better))
+        was, now = self.rank(self._completed(model)), self.rank(completed)
+        return completed if now[0] >= was[0] and now[1] > was[1] - _AS_WELL else model
 
     def placed_again(self, model: Any) -> Any:
         """The model in which cameras that most of their matches contradict are registered again, if that fits better.
@@ -286,7 +287,7 @@ class Mapper:
 
     def _guess_focal_lengths(self) -> None:
         """Initialize unknown focal lengths with estimates from pairs of images."""
-        free = [i + 1 for i, one in enumerate(self.job.intrinsics) if not one.prior]
+        free = [i + 1 for i, intrinsics in enumerate(self.job.intrinsics) if not intrinsics.prior]
         if free and not self.job.poses:
             guess_focal_lengths(self.database, self.folder, free, self.job.seed)
 
@@ -297,7 +298,7 @@ class Mapper:
         if not ratios:
             return set()
         middle = float(np.median(list(ratios.values())))
-        free = {i + 1 for i, one in enumerate(self.job.intrinsics) if not one.fixed}
+        free = {i + 1 for i, intrinsics in enumerate(self.job.intrinsics) if not intrinsics.fixed}
         return {key - 1 for key, ratio in ratios.items() if key in free and not 0.3 < ratio / middle < 3.0}
 
     def with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
@@ -318,9 +319,9 @@ class Mapper:
                 camera.has_prior_focal_length = index not in broken
                 database.update_camera(camera)
         self.held = {index + 1 for index in broken}
-        found = self._attempt(attempt)
+        remapped = self._attempt(attempt)
         self.held = set()
-        return [self._released(model) for model in found]
+        return [self._released(model) for model in remapped]
 
     def _released(self, model: Any) -> Any:
         """The model with all intrinsics refined, unless one diverges again."""
@@ -349,7 +350,9 @@ class Mapper:
         options.min_model_size = 2
         options.max_num_models = 4
         options.ba_refine_principal_point = False
-        options.constant_cameras = self.held | {i + 1 for i, one in enumerate(self.job.intrinsics) if one.fixed}
+        options.constant_cameras = self.held | {
+            i + 1 for i, intrinsics in enumerate(self.job.intrinsics) if intrinsics.fixed
+        }
         return options
 
     def incremental(self, lenient: bool) -> list[Any]:
@@ -375,7 +378,7 @@ class Mapper:
         registered(0)
         out = self.folder / "models"
         out.mkdir(exist_ok=True)
-        found = pycolmap.incremental_mapping(
+        models = pycolmap.incremental_mapping(
             self.database,
             self.folder / "images",
             out,
@@ -383,7 +386,7 @@ class Mapper:
             initial_image_pair_callback=lambda: registered(2),
             next_image_callback=lambda: registered(done + 1),
         )
-        return list(found.values())
+        return list(models.values())
 
     def _global(self) -> list[Any]:
         import pycolmap
@@ -392,21 +395,21 @@ class Mapper:
         options.num_threads = self.job.threads
         options.random_seed = self.job.seed
         options.min_model_size = 2
-        if any(one.fixed for one in self.job.intrinsics):
+        if any(intrinsics.fixed for intrinsics in self.job.intrinsics):
             # the global mapper cannot fix some intrinsics and refine others
             options.mapper.bundle_adjustment.refine_focal_length = False
             options.mapper.bundle_adjustment.refine_extra_params = False
         out = self.folder / "models_global"
         out.mkdir(exist_ok=True)
         say(step="global mapping", done=0, total=1)
-        if not all(one.prior for one in self.job.intrinsics) and is_any_unknown(self.database):
+        if not all(intrinsics.prior for intrinsics in self.job.intrinsics) and is_any_unknown(self.database):
             # the global mapper cannot recover from a guessed focal length; if `_guess_focal_lengths` estimated all of
             # them, estimating again would change nothing
             calibration = pycolmap.ViewGraphCalibrationOptions()
             calibration.random_seed = self.job.seed
             pycolmap.calibrate_view_graph(self.database, calibration)
-        found = pycolmap.global_mapping(self.database, self.folder / "images", out, options=options)
-        return list(found.values())
+        models = pycolmap.global_mapping(self.database, self.folder / "images", out, options=options)
+        return list(models.values())
 
     def _from_poses(self) -> Any:
         """Triangulate with known poses, then alternate bundle adjustment (unless they are fixed) and triangulation."""

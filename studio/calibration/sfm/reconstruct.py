@@ -129,10 +129,10 @@ def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
     solution = SfmSolution.model_validate_json((folder / "solution.json").read_text(encoding="utf-8"))
     with np.load(folder / "points.npz") as arrays:
         points, colors, seen = arrays["points"], arrays["colors"], arrays["observations"]
-    found = tuple(map(Camera.from_dict, solution.cameras))
-    told, known = solution.report, [camera.name for camera in found]
+    cameras = tuple(map(Camera.from_dict, solution.cameras))
+    told, known = solution.report, [camera.name for camera in cameras]
     missing = {name: _reason(told.features[name], solution.partners[name]) for name in names if name not in known}
-    if len(found) < 2:
+    if len(cameras) < 2:
         worst = min(names, key=lambda name: told.matches[name])
         raise StudioError(
             "calibration.no_solution",
@@ -145,13 +145,13 @@ def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
         )
     if missing:
         text = "; ".join(f"'{name}': {reason}" for name, reason in missing.items())
-        problem = f"structure from motion registered {len(found)} of {len(names)} cameras; not registered: {text}"
+        problem = f"structure from motion registered {len(cameras)} of {len(names)} cameras; not registered: {text}"
         value = sorted(missing)
         fix = "Use another frame (calibrate.frame), several (calibrate.frame_count), or images with more overlap."
         raise StudioError(
             "calibration.unregistered", problem, value=value, fix=fix, unregistered=missing, setting="calibrate.frame"
         )
-    rig = Rig(found)
+    rig = Rig(cameras)
     observations = {name: seen[seen[:, 0] == number][:, 1:] for number, name in enumerate(names) if name in known}
     more = dict(told) | {"aspect": round(told.aspect, 6)}
     report = reprojection_report(rig, points, observations, **more)

@@ -41,13 +41,13 @@ def try_shared_intrinsics(model: Any, free: set[int], width: float, adjust: Call
     for keys in sizes.values():
         if len(keys) < _FEWEST:
             continue
-        one = joined(model, keys)
-        adjust(one)
+        shared = joined(model, keys)
+        adjust(shared)
         images = [i for i in sorted(model.reg_image_ids()) if model.images[i].camera_id in keys]
-        growth = misfit_growth(one, model, width, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]]))
+        growth = misfit_growth(shared, model, width, (len(keys) - 1) * _free_parameters(model.cameras[keys[0]]))
         tests.append((images, growth))
         if growth < LIMIT:
-            model = one
+            model = shared
     return model, tests
 
 
@@ -103,9 +103,9 @@ def joined(model: Any, keys: list[int]) -> Any:
     """A copy of a model in which the cameras of these ids are the first one, with the medians of their parameters."""
     import pycolmap
 
-    one = pycolmap.Camera(model.cameras[keys[0]].todict())
-    one.params = list(np.median([model.cameras[key].params for key in keys], axis=0))
-    cameras = {key: camera for key, camera in model.cameras.items() if key not in keys} | {keys[0]: one}
+    shared = pycolmap.Camera(model.cameras[keys[0]].todict())
+    shared.params = list(np.median([model.cameras[key].params for key in keys], axis=0))
+    cameras = {key: camera for key, camera in model.cameras.items() if key not in keys} | {keys[0]: shared}
     before = camera_of_image(model)
     return rebuilt(model, cameras, {image: keys[0] if key in keys else key for image, key in before.items()})
 

@@ -30,8 +30,8 @@ def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
     wanted = pycolmap.BACovarianceOptions(params=pycolmap.BACovarianceOptionsParams.POSES)
-    found = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
-    if found is None:
+    covariances = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
+    if covariances is None:
         return {}
     poses = [model.images[image].cam_from_world().matrix() for image in images]
     centers3d = np.array([-pose[:, :3].T @ pose[:, 3] for pose in poses])
@@ -45,7 +45,7 @@ def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[
         away = centers3d[number] - centers3d.mean(0)
         gauge[number, :3] = np.c_[np.eye(3), -np.cross(np.eye(3), away), away]
         gauge[number, 3:, 3:6] = np.eye(3)
-    blocks = [[_covariance(found, one, other) for other in images] for one in images]
+    blocks = [[_covariance(covariances, row, column) for column in images] for row in images]
     spread = np.einsum("aij,abjk,blk->aibl", slopes, np.array(blocks), slopes).reshape(6 * len(images), -1)
     fit = np.zeros((7, len(images), 6))
     fit[:, :, :3] = np.linalg.pinv(gauge[:, :3].reshape(-1, 7)).reshape(7, len(images), 3)
@@ -57,8 +57,8 @@ def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[
     return {image: (float(position), float(turn)) for image, (position, turn) in zip(images, sigmas, strict=True)}
 
 
-def _covariance(found: Any, one: int, other: int) -> np.ndarray:
+def _covariance(covariances: Any, row: int, column: int) -> np.ndarray:
     """(6, 6) covariance of two images' poses: rotation, then translation, camera from world."""
-    if one == other:
-        return np.asarray(found.get_cam_cov_from_world(one))
-    return np.asarray(found.get_cam_cross_cov_from_world(one, other))
+    if row == column:
+        return np.asarray(covariances.get_cam_cov_from_world(row))
+    return np.asarray(covariances.get_cam_cross_cov_from_world(row, column))

@@ -40,7 +40,7 @@ def _matches(model: Any, database: Path) -> dict[tuple[int, int], tuple[int, int
     for image_id in model.reg_image_ids():
         points = model.images[image_id].points2D
         seen[image_id] = np.array([point.point3D_id if point.has_point3D() else -1 for point in points], np.int64)
-    found: dict[tuple[int, int], tuple[int, int]] = {}
+    by_pair: dict[tuple[int, int], tuple[int, int]] = {}
     with pycolmap.Database.open(database) as source:
         for key in source.read_two_view_geometry_num_inliers()[0]:
             first, second = pycolmap.pair_id_to_image_pair(key)
@@ -49,8 +49,8 @@ def _matches(model: Any, database: Path) -> dict[tuple[int, int], tuple[int, int
                 ids = seen[first][matches[:, 0]]
                 good = int(((ids >= 0) & (ids == seen[second][matches[:, 1]])).sum())
                 if len(matches):
-                    found[first, second] = good, len(matches)
-    return found
+                    by_pair[first, second] = good, len(matches)
+    return by_pair
 
 
 def reprojection_errors(model: Any) -> np.ndarray:

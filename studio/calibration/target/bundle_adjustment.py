@@ -47,7 +47,7 @@ class TargetRig:
             ways.insert(0, self.target_poses[sync_frame])
         views = {camera.name: self.views[sync_frame, camera.name] for camera in seen}
         return best_pose(
-            ways, lambda way: (views[one.name].errors(one, one.world_to_camera @ way) for one in seen), most
+            ways, lambda way: (views[camera.name].errors(camera, camera.world_to_camera @ way) for camera in seen), most
         )
 
 

@@ -73,7 +73,7 @@ def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size
         | _fix(1, 2, 3)
     )
     some = np.unique(np.linspace(0, len(world) - 1, min(12, len(world))).astype(int))
-    best, found = np.inf, np.eye(3)
+    best, guess = np.inf, np.eye(3)
     for factor in (0.5, 0.8, 1.2, 1.8, 3.0):
         focal = factor * max(size)
         start = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
@@ -81,8 +81,8 @@ def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size
             [world[i] for i in some], [pixels[i] for i in some], size, start, np.zeros(5), flags=flags
         )
         if error < best and 0.1 < K[0, 0] / max(size) < 50:
-            best, found = error, np.array(K)
-    return found
+            best, guess = error, np.array(K)
+    return guess
 
 
 def _fix(*terms: int) -> int:
@@ -119,11 +119,11 @@ def target_pose(camera: Camera, view: TargetObservation) -> tuple[np.ndarray, fl
 
     world = view.corners
     coefficients = camera.distortion if camera.distortion.size else None
-    found, turns, shifts, _ = cv2.solvePnPGeneric(
+    count, turns, shifts, _ = cv2.solvePnPGeneric(
         world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, flags=cv2.SOLVEPNP_IPPE
     )
     best, pose = np.inf, np.eye(4)
-    for index in range(int(found)):
+    for index in range(int(count)):
         turn, shift = cv2.solvePnPRefineLM(
             world, (view.pixels - 0.5).reshape(-1, 1, 2), camera.cv2_K, coefficients, turns[index], shifts[index]
         )

@@ -155,8 +155,8 @@ class CalibrationTarget(Settings):
                 small = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
             # EXHAUSTIVE also finds tilted and poorly lit targets
             flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-            found, corners = cv2.findChessboardCornersSB(small, (across, down), flags=flags)
-            if found:
+            is_visible, corners = cv2.findChessboardCornersSB(small, (across, down), flags=flags)
+            if is_visible:
                 break
         else:
             return None

@@ -83,7 +83,7 @@ def dark(target: CalibrationTarget) -> list[tuple[float, float, float, float]]:
 
     dictionary = charuco.getDictionary()
     cells = dictionary.markerSize + 2  # a border of one cell
-    found: list[tuple[float, float, float, float]] = []
+    rectangles: list[tuple[float, float, float, float]] = []
     with_marker = set()
     for number, corners in zip(np.ravel(charuco.getIds()), charuco.getObjPoints(), strict=True):
         x0, y0 = np.asarray(corners)[0, :2].astype(float)
@@ -97,12 +97,12 @@ def dark(target: CalibrationTarget) -> list[tuple[float, float, float, float]]:
                 while end < cells and picture[row, end] < 128:
                     end += 1
                 if end > column:
-                    found.append((x0 + column * size, y0 + row * size, (end - column) * size, size))
+                    rectangles.append((x0 + column * size, y0 + row * size, (end - column) * size, size))
                 column = end + 1
-    found += [
+    rectangles += [
         (i * s, j * s, s, s) for j in range(target.rows) for i in range(target.columns) if (i, j) not in with_marker
     ]
-    return found
+    return rectangles
 
 
 def _page(target: CalibrationTarget, paper: str) -> tuple[float, float]:

@@ -154,12 +154,12 @@ def check_pose(pose: np.ndarray, key: str, camera: str) -> None:
         raise camera_error("camera.not_rigid", camera, problem, value=pose[3].tolist(), fix=fix, key=key)
 
 
-def wrong_shape(key: str, camera: str, found: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> StudioError:
+def wrong_shape(key: str, camera: str, actual: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> StudioError:
     """The error for an array of the wrong shape (camera.wrong_shape)."""
     wanted = " or ".join("x".join(map(str, shape)) for shape in expected)
-    problem = f"'{key}' is {'x'.join(map(str, found)) or 'a single value'}, expected {wanted}"
+    problem = f"'{key}' is {'x'.join(map(str, actual)) or 'a single value'}, expected {wanted}"
     return camera_error(
-        "camera.wrong_shape", camera, problem, value=list(found), key=key, expected=[list(shape) for shape in expected]
+        "camera.wrong_shape", camera, problem, value=list(actual), key=key, expected=[list(shape) for shape in expected]
     )
 
 

@@ -95,7 +95,7 @@ class KeyedForm:
 
 
 @dataclass
-class Found:
+class FileNotes:
     """What the cameras of a file had: ignored keys with their cameras; cameras with and without distortion."""
 
     ignored: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
@@ -115,7 +115,7 @@ class Found:
             self.ignored[key].append(camera)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """For `Rig.notes`."""
         straight = (NO_DISTORTION,) if self.straight else ()
         return *straight, *(
@@ -152,18 +152,18 @@ def is_camera(values: object) -> bool:
 def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
     """A rig from (name, values) of its cameras; `folder` is that of the file, for footage next to it. Cameras that have
     intrinsics but no pose are in its `left_out`."""
-    found = Found()
+    notes = FileNotes()
     names = [name for name, _ in entries]
     for name in names:
         if names.count(name) > 1:
             raise duplicate_name(name)
-    cameras = [(name, keyed_camera(folder, name, values, form, found)) for name, values in entries]
+    cameras = [(name, keyed_camera(folder, name, values, form, notes)) for name, values in entries]
     without = [name for name, camera in cameras if camera is None]
     if len(without) == len(cameras):
         raise no_cameras("no camera has a pose (rotation and translation)")
-    if found.bent and found.straight:
-        raise missing_key("distortion", found.straight[0])
-    return Rig(tuple(camera for _, camera in cameras if camera is not None), found.notes, tuple(without))
+    if notes.bent and notes.straight:
+        raise missing_key("distortion", notes.straight[0])
+    return Rig(tuple(camera for _, camera in cameras if camera is not None), notes.sentences, tuple(without))
 
 
 def pose_of(entry: Mapping[str, Any], rotation: str, translation: str, camera: str) -> np.ndarray:
@@ -180,9 +180,11 @@ def pose_of(entry: Mapping[str, Any], rotation: str, translation: str, camera: s
     return pose
 
 
-def keyed_camera(folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> Camera | None:
+def keyed_camera(
+    folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, notes: FileNotes
+) -> Camera | None:
     """The camera that `values` describe, as in `keyed_rig`; None if it has no pose."""
-    given = _known(name, values, form, found)
+    given = _known(name, values, form, notes)
     _check_model(name, given)
     pose = _pose(name, given, form.unit)
     if pose is None:
@@ -192,7 +194,7 @@ def keyed_camera(folder: Path, name: str, values: Mapping[str, Any], form: Keyed
     K = _K(name, given, width, height, form.centered)
     if not form.corner:
         K[:2, 2] += 0.5
-    (found.straight if distortion is None else found.bent).append(name)
+    (notes.straight if distortion is None else notes.bent).append(name)
     coefficients = np.zeros(0) if distortion is None or not distortion.any() else distortion
     return Camera(name, width, height, K, pose, coefficients)
 
@@ -201,7 +203,7 @@ _Given = dict[str, list[tuple[str, Any]]]
 """Canonical key to the keys of the file and their values, in the order of `KEYS`."""
 
 
-def _known(name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) -> _Given:
+def _known(name: str, values: Mapping[str, Any], form: KeyedForm, notes: FileNotes) -> _Given:
     """The values under known keys; null and empty ones count as missing."""
     by_spelling: dict[str, list[str]] = defaultdict(list)
     for key, value in values.items():
@@ -215,7 +217,7 @@ def _known(name: str, values: Mapping[str, Any], form: KeyedForm, found: Found) 
             given[canonical] = own
     harmless = {normal_key(key) for key in form.harmless}
     unknown = {key: values[key] for spelling, keys in by_spelling.items() if spelling not in harmless for key in keys}
-    found.check_unknown(name, unknown, _missing(given, form.centered))
+    notes.check_unknown(name, unknown, _missing(given, form.centered))
     return given
 
 
@@ -262,8 +264,8 @@ def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
     first_key, first = parsed[0]
     for key, value in parsed[1:]:
         size = max(first.size, value.size)
-        one, other = (np.pad(part.ravel(), (0, size - part.size)) for part in (first, value))
-        if not np.allclose(one, other, rtol=1e-3, atol=1e-3):
+        padded_first, padded_value = (np.pad(part.ravel(), (0, size - part.size)) for part in (first, value))
+        if not np.allclose(padded_first, padded_value, rtol=1e-3, atol=1e-3):
             problem = f"'{first_key}' and '{key}' differ: {_short(first)} and {_short(value)}"
             fix = "Delete the wrong one from the camera file."
             raise camera_error("camera.conflict", name, problem, fix=fix, key=key, other=first_key)
@@ -278,7 +280,7 @@ def _arrays(
     name: str, given: _Given, canonical: str, shapes: tuple[tuple[int, ...], ...] = ()
 ) -> list[tuple[str, np.ndarray]]:
     """The finite values of a canonical key; each has one of the shapes, or of their counts if it is flat."""
-    found = []
+    matrices = []
     for key, value in given.get(canonical, ()):
         matrix = array([] if value is None else value, key, name)
         flat = matrix.size if matrix.ndim == 1 else None
@@ -288,8 +290,8 @@ def _arrays(
                 raise wrong_shape(key, name, matrix.shape, shapes)
             matrix = matrix.reshape(fitting[0])
         check_finite(matrix, key, name)
-        found.append((key, matrix))
-    return found
+        matrices.append((key, matrix))
+    return matrices
 
 
 def _K(name: str, given: _Given, width: int, height: int, centered: bool) -> np.ndarray:

@@ -35,11 +35,11 @@ def brown(k: Sequence[float], p: Sequence[float], K: np.ndarray, size: tuple[int
     s, factor = r * r, radial(r)
     columns = np.column_stack([s, s**2, s**3, -s * factor, -(s**2) * factor, -(s**3) * factor]) * r[:, None]
     start = np.linalg.lstsq(columns, (factor - 1) * r, rcond=None)[0]
-    found = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
-    if np.abs(focal * (bend(found) - wanted)).max() > _TOLERANCE:
+    fitted = least_squares(lambda k: focal * (bend(k) - wanted), start, method="lm", max_nfev=5000).x
+    if np.abs(focal * (bend(fitted) - wanted)).max() > _TOLERANCE:
         fix = "Export the cameras with at most three radial terms, or undistort the images."
         raise camera_error("camera.lens_model", camera, "OpenCV's lens models cannot express its distortion", fix=fix)
-    return np.array([*found[:2], *p, *found[2:]])
+    return np.array([*fitted[:2], *p, *fitted[2:]])
 
 
 def _reach_of(radial: Callable[[np.ndarray], np.ndarray], focal: float, offset: np.ndarray, size: np.ndarray) -> float:

@@ -37,7 +37,7 @@ def uncovered(behind: Background, images: Sequence[np.ndarray], covers: Sequence
 
     height, width = behind.plate.shape[:2]
     hidden = np.stack(
-        [cv2.resize(one.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 for one in covers]
+        [cv2.resize(cover.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 for cover in covers]
     )
     count = (~hidden).sum(0)
     samples = np.where(hidden[..., None], np.int16(_COVERED), np.stack(images))

@@ -35,10 +35,10 @@ def odds_of_people(image: np.ndarray, solid: np.ndarray, model: Callable[[np.nda
             half = round((0.5 + margin) * max(across, down))
             framed = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
             row, column = top + down // 2, left + across // 2  # of the square's corner, in the framed image
-            found = np.full(framed.shape[:2], -1.0, np.float32)
+            odds = np.full(framed.shape[:2], -1.0, np.float32)
             square = slice(row, row + 2 * half), slice(column, column + 2 * half)
-            found[square] = model(np.ascontiguousarray(framed[square]))
-            np.maximum(share, found[half:-half, half:-half], out=share)
+            odds[square] = model(np.ascontiguousarray(framed[square]))
+            np.maximum(share, odds[half:-half, half:-half], out=share)
         clipped = np.clip(share, _CLIP, 1 - _CLIP)
         total += np.where(share < 0, np.float32(0), np.log(clipped / (1 - clipped)))
         looks += share >= 0

@@ -127,7 +127,7 @@ class AgreedMaskSource(MaskSource):
 
     def _uncovered(self, camera: str, covers: Sequence[Mapping[str, np.ndarray]]) -> Background:
         images = [self._inputs.image(camera, frame) for frame in self._set_frames]
-        return uncovered(self._plates.background(camera), images, [one[camera] for one in covers])
+        return uncovered(self._plates.background(camera), images, [by_camera[camera] for by_camera in covers])
 
     def _cover(self, _: None) -> list[dict[str, np.ndarray]]:
         """By frame and camera: (h, w) bool, where the performer may be."""
@@ -141,7 +141,7 @@ class AgreedMaskSource(MaskSource):
             covers = []
             for frame in self._set_frames:
                 solid = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
-                covers.append({name: cover(one) for name, one in solid.items()})
+                covers.append({name: cover(mask) for name, mask in solid.items()})
         return covers
 
     def evidence(self, camera: str, frame: int) -> np.ndarray:
@@ -154,7 +154,7 @@ class AgreedMaskSource(MaskSource):
         known = self._inputs.sources[camera].frames
         near = [frame + step for step in _NEIGHBORS if frame + step in known]
         image = self._image(camera, frame, side)
-        odds = evidence_of(image, [self._image(camera, one, side) for one in near], behind, self._inputs.spec)
+        odds = evidence_of(image, [self._image(camera, neighbor, side) for neighbor in near], behind, self._inputs.spec)
         return self._allowed(camera, frame, odds if people is None else np.clip(odds + people, -LIMIT, LIMIT), side)
 
     def _people(self, camera: str, frame: int, solid: np.ndarray) -> np.ndarray:
@@ -182,15 +182,15 @@ class AgreedMaskSource(MaskSource):
         coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
         rough = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
-            found = pool.map(lambda name: self._people(name, frame, rough[name]), rough)
-            people = dict(zip(rough, found, strict=True))
+            odds = pool.map(lambda name: self._people(name, frame, rough[name]), rough)
+            people = dict(zip(rough, odds, strict=True))
         solid = self._vote(frame, sets, _WORK_SIDE, _ROUNDS, people)
         votes = heard(people, self._sized(people), self._voters)
-        return {name: one | ((votes[name] > _SEEN) & (people[name] > 0)) for name, one in solid.items()}
+        return {name: mask | ((votes[name] > _SEEN) & (people[name] > 0)) for name, mask in solid.items()}
 
     def _sized(self, images: Mapping[str, np.ndarray]) -> dict[str, Camera]:
         """The cameras of images (h, w, ...) of any size."""
-        return {name: self._cameras[name].resized(one.shape[1], one.shape[0]) for name, one in images.items()}
+        return {name: self._cameras[name].resized(image.shape[1], image.shape[0]) for name, image in images.items()}
 
     def _vote(
         self, frame: int, sets: Mapping[str, Background], side: int, rounds: int, people: Mapping[str, np.ndarray]
@@ -199,7 +199,7 @@ class AgreedMaskSource(MaskSource):
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
 
             def each(function: Callable[..., np.ndarray], *values: Mapping[str, Any]) -> dict[str, np.ndarray]:
-                arguments = [[one[name] for name in names] for one in values]
+                arguments = [[by_camera[name] for name in names] for by_camera in values]
                 return dict(zip(names, pool.map(function, *arguments), strict=True))
 
             names = self._inputs.names
@@ -209,7 +209,7 @@ class AgreedMaskSource(MaskSource):
             grays = each(brightness, images)
             bins = each(partial(color_bins, bins=BINS), images)
             cameras = self._sized(images)
-            voting, colors = own, {name: np.zeros_like(one) for name, one in own.items()}
+            voting, colors = own, {name: np.zeros_like(odds) for name, odds in own.items()}
             solid: dict[str, np.ndarray] = {}
             agreed = any(behind.agreed is not None for behind in sets.values())
             for turn in range(rounds):
@@ -249,9 +249,9 @@ def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarra
     """The threshold of votes at which their masks have the largest IoU with those of the log-odds."""
     candidates = np.arange(-1.0, 1.95, 0.1)
     counts = np.zeros((2, len(candidates) + 1))  # set, performer: pixels by the number of candidates that they exceed
-    for name, one in votes.items():
+    for name, vote in votes.items():
         front = odds[name][::2, ::2] > 0
-        exceeded = np.searchsorted(candidates, one[::2, ::2])
+        exceeded = np.searchsorted(candidates, vote[::2, ::2])
         for index, kind in enumerate((exceeded[~front], exceeded[front])):
             counts[index] += np.bincount(kind, minlength=len(candidates) + 1)
     wrong, right = counts[:, ::-1].cumsum(1)[:, -2::-1]
@@ -263,8 +263,8 @@ def _in_color(own: np.ndarray, colors: np.ndarray) -> np.ndarray:
     return np.maximum(own, _IN_COLOR * np.minimum(colors, 0.0))
 
 
-def _next_vote(own: np.ndarray, found: np.ndarray) -> np.ndarray:
-    alone, together = np.clip(own, -_VOTE_LIMIT, _VOTE_LIMIT), np.clip(found, -_VOTE_LIMIT, _VOTE_LIMIT)
+def _next_vote(own: np.ndarray, agreed: np.ndarray) -> np.ndarray:
+    alone, together = np.clip(own, -_VOTE_LIMIT, _VOTE_LIMIT), np.clip(agreed, -_VOTE_LIMIT, _VOTE_LIMIT)
     return np.asarray((1 - _LEARNED) * alone + _LEARNED * together)
 
 
@@ -296,10 +296,10 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
             setting="capture.masks",
         )
     clean = open_clean_plate(inputs, False)
-    found = clean or open_median_background(inputs, required)
-    if found is None:
+    opened = clean or open_median_background(inputs, required)
+    if opened is None:
         return None
-    plates, phrase = found
+    plates, phrase = opened
     model = load_model(inputs) if inputs.spec.mask_model else None
     if inputs.cameras is None:
         alone = PlateMaskSource(inputs, plates.background, plates.files() + (model.files() if model else []))
