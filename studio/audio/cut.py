@@ -61,7 +61,7 @@ def cut_sound(file: SoundFile, start: float, seconds: float) -> Cut:
 
 
 def outside(cut: Cut) -> StudioError:
-    """The error for a sound of which nothing is in the take."""
+    """The error for a sound that does not overlap the take."""
     start, seconds = cut.first / SAMPLE_RATE, cut.samples / SAMPLE_RATE
     return StudioError(
         "audio.outside",

@@ -38,7 +38,7 @@ class SoundEncoder:
         self._out.mux(self._stream.encode(frame))
 
     def close(self) -> None:
-        """Encode what is left; the container stays open."""
+        """Encode the remaining samples; the container stays open."""
         self._out.mux(self._stream.encode(None))
 
 

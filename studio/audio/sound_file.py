@@ -11,12 +11,12 @@ from v3studio.studio.capture.media import open_media, start_of, video_stream
 from v3studio.studio.errors import StudioError
 
 SAMPLE_RATE = 48_000
-"""Samples per second that sound is resampled to: that of video production, which every device plays."""
+"""Samples per second to which sound is resampled: the rate of video production, which every device plays."""
 
 
 class SoundFile:
     """A file with sound. Time 0 is its first video frame, or, without video, its beginning; `duration` is from there,
-    in seconds, None if the file does not say. `channels` of what `blocks` returns: 1 for mono, otherwise 2."""
+    in seconds, None if the file does not say. `blocks` returns `channels` channels: 1 for mono, otherwise 2."""
 
     def __init__(self, path: Path) -> None:
         import av

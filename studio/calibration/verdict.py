@@ -16,14 +16,14 @@ Cameras = Mapping[str, Camera]
 FITS = 0.85
 """Fraction of the matches that a correct rig fits at least: those tried have 0.91 to 0.99, folded ones 0.29 to 0.45."""
 _DOUBTFUL, _TELLING = 0.5, 5 * LEAST_MATCHES
-"""A camera whose matches with the others fit less often than this is placed wrongly, if it has so many: with 73, false
-matches of two repeating panels had outweighed those of a camera in the right place."""
+"""A camera is placed wrongly if a smaller share than the first number of its matches with the others fits, and it has
+at least as many as the second: among 73, false matches of two repeating panels had outweighed the right ones."""
 _MOST = 1 / 3  # of the cameras: if more disagree, it is the rig, or the masks, and not single cameras
 _REPEATING = 0.2
 """Fraction of the matches that contradict each other, from which on they say nothing about cameras: 0.44 before walls
 with a repeating pattern, up to 0.04 elsewhere."""
 _SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
-"""Factors of focal lengths that are tried, and those around the best of them."""
+"""Factors of focal lengths that are tried, and the finer steps around the best of them."""
 
 _SCALE_OFF = 0.04  # logarithm of a factor of all focal lengths from which on it is tested whether they are wrong
 
@@ -226,7 +226,8 @@ _POSES: tuple[tuple[str, str, Callable[[np.ndarray], np.ndarray]], ...] = (
 
 
 def _causes(evidence: _Evidence) -> Iterator[tuple[str, str] | None]:
-    """Ways in which the whole rig may be wrong, tried on the matches: what is said of each that fits, and the fix."""
+    """Try ways in which the whole rig may be wrong: for each, a sentence and the fix; None if the matches do not
+    fit."""
     cameras = evidence.cameras
     for words, fix, change in _POSES:
         changed = {name: replace(c, world_to_camera=change(c.world_to_camera)) for name, c in cameras.items()}

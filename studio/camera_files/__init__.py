@@ -153,7 +153,7 @@ CAMERA_FORMATS = (
 
 def find_camera_files(folder: Path) -> list[Path]:
     """Camera files with usual names in a folder, or the folder itself if it contains a COLMAP model or MVSNet's files;
-    if there are none, that of the first of VideoGS's folders, one per frame, which all have the same cameras."""
+    if there are none, the camera file of the first frame's folder of VideoGS, whose frames have the same cameras."""
     paths = _with_usual_names(folder, is_spare=False)
     if any(form.is_folder and form.module.is_in(folder) for form in CAMERA_FORMATS):
         paths.append(folder)
@@ -220,7 +220,7 @@ def _format_of(file: CameraFile) -> CameraFormat | None:
 
 
 def _checked(rig: Rig) -> Rig:
-    """The rig, with notes on what is unlikely, whatever the format of its file."""
+    """The rig, with a note on principal points that are unlikely. Raises StudioError: camera.focal_length_unit."""
     for camera in rig:
         focal, longer = min(camera.fx, camera.fy), max(camera.width, camera.height)
         if focal < _LEAST_FOCAL * longer:

@@ -121,7 +121,7 @@ def _in_chunk(
 
 
 def _offset(sensor: Element, name: str) -> np.ndarray:
-    """(4, 4) from a slave's sensor to that of its master."""
+    """(4, 4) transform from a slave's sensor to its master's."""
     offset = np.eye(4)
     if _has_text(sensor, "rotation"):
         offset[:3, :3] = _numbers(sensor, "rotation", 9, name).reshape(3, 3)

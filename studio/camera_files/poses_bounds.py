@@ -21,7 +21,7 @@ _FOLDERS = ("", "videos", "images", "frames")
 
 
 def read(file: CameraFile) -> Rig:
-    """Read the cameras; their names are those of the videos, images or folders next to the file."""
+    """Read the cameras, which are named after the videos, images or folders next to the file."""
     try:
         rows = np.load(file.path, allow_pickle=False)
     except Exception as error:  # NumPy raises even tokenize.TokenError for a damaged head

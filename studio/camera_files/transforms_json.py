@@ -54,7 +54,7 @@ _HARMLESS = frozenset({
     "render_aabb", "white_transparent", "black_transparent", "n_extra_learnable_dims", "sharpen", "envmap",
     "registration_matrix", "camera_label", "semantics", "panoptic_classes", "trajectory",
 })  # fmt: skip
-"""Keys, in addition to those of other files, that do not change how a camera projects."""
+"""Keys that do not change how a camera projects, in addition to `HARMLESS` keys of all files."""
 _SPELLINGS = {"transformmatrix": "cameratoworld", "distortionparams": "distortion"}
 
 
@@ -159,8 +159,8 @@ _LEADING = re.compile(r"^(frame|f|t)?[_.\- ]*\d+[_.\- ]+", re.IGNORECASE)
 
 
 def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
-    """The name that all paths of a group share and no other group has: that of the file, of one of its folders, or the
-    file's name without a number at its end or beginning."""
+    """For each group of paths, the name that all of them share and no other group has: the file's name, the name of one
+    of its folders, or the file's name without a number at its end or beginning."""
 
     def part(level: int) -> Callable[[str], str]:
         return lambda path: PurePosixPath(path).parts[-1 - level] if level < len(PurePosixPath(path).parts) else ""

@@ -223,7 +223,8 @@ def _grids(paths: Sequence[str]) -> list[str]:
 
 
 def _as_grid(root: Path, layout: tuple[str, list[Match]]) -> tuple[str, list[Match]]:
-    """The same files as several cameras with several frames each, if their names say so and the pattern does not."""
+    """Pattern and files of `layout`, as several cameras with several frames each if their names say so and its pattern
+    does not."""
     images = [match for match in layout[1] if match.path.suffix.lower() in IMAGE_EXTENSIONS]
     several = len({match.camera for match in images}) > 1, len({match.frame for match in images}) > 1
     if len(images) < len(layout[1]) or all(several):

@@ -55,7 +55,8 @@ class ImageSource(FrameSource):
         self.note = "EXIF turns the images for display, but they are used as stored" if turned else ""
 
     def read(self, frame: int) -> np.ndarray:
-        """See `FrameSource`. All images must have the size of the camera's first image, and its alpha channel."""
+        """The image as `FrameSource.read` describes it. StudioError: its size or alpha channel differs from the
+        camera's first image, there is no such frame, or the file cannot be read."""
         frame += self._offset
         path = self._paths.get(frame)
         if path is None:

@@ -150,7 +150,7 @@ def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Ite
 
 
 def _frame_score(before: str, numbers: Sequence[str]) -> float:
-    """How much digits look like frame numbers, from what is written before them and how."""
+    """Score, higher for digits that look like frame numbers: by the text before them, their width and gaps."""
     values = {int(number) for number in numbers}
     score = 0.0
     if before and _AFTER_FRAME_WORD.fullmatch(before):
@@ -160,7 +160,7 @@ def _frame_score(before: str, numbers: Sequence[str]) -> float:
 
 
 def shared_start(names: Sequence[str]) -> str:
-    """What all names begin with, up to digits."""
+    """The text with which all names begin, without digits at its end."""
     first, last = min(names), max(names)
     length = next((index for index, char in enumerate(first) if index >= len(last) or last[index] != char), len(first))
     return re.sub(r"\d+$", "", first[:length])

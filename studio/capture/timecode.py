@@ -56,8 +56,8 @@ def parse_timecode(text: str, rate: Fraction) -> Timecode:
 
 
 def read_timecode(file: Path) -> Timecode | None:
-    """The start timecode of a video: that of the video's stream (with MOV and MP4, its tmcd track), else of the file;
-    None if it has none. StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the
+    """The start timecode in a video's stream (with MOV and MP4, in its tmcd track), else in the file; None if there is
+    none. StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the
     track counts at another rate than the video's, as cameras do that count to 25 while they film 50 frames."""
     import av
 

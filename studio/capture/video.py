@@ -199,7 +199,8 @@ class VideoReader:
         self.note = f"{len(missing)} dropped frames repeat the ones before them"
 
     def _at_constant_rate(self, times: list[int] | None) -> None:
-        """Fill gaps in the presentation times; those of decoding if the container lists them, else of `_scan`."""
+        """Fill gaps in the presentation times. `times`: the times that the container lists; None: `_scan` has found
+        them."""
         if times is not None:
             if _clock(times) is None:
                 return
@@ -359,7 +360,7 @@ def _clock(times: Sequence[int]) -> tuple[float, list[int] | None] | None:
 
 
 def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:
-    """What a viewer would not see, but a reconstruction does."""
+    """Clauses on properties of a video that a viewer would not see, but that change a reconstruction."""
     if len(container.streams.video) > 1:
         which = f"number {stream.index} ({frame.width}x{frame.height}, {stream.codec_context.name})"
         yield f"of {len(container.streams.video)} video streams, {which} is used"

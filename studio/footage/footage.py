@@ -95,7 +95,7 @@ class Footage:
 
     @property
     def warnings(self) -> list[Message]:
-        """What is unlikely about the mask files: see `FileMaskSource.warnings`."""
+        """Warnings on mask files that are unlikely to be right: see `FileMaskSource.warnings`."""
         sources = [self.mask_source, self._exact_mask_source]
         return [warning for each in sources if isinstance(each, FileMaskSource) for warning in each.warnings]
 
@@ -162,8 +162,8 @@ class Footage:
         return self._mask(camera, frame, self.mask_source, "mask").copy()
 
     def evaluation_mask(self, camera: str, frame: int) -> np.ndarray:
-        """The exact mask if the footage was opened with such masks and they are of this camera, else `mask`: those of
-        cameras on which nothing is measured are not opened."""
+        """The exact mask if the footage was opened with such masks and this camera has them, else `mask`. Cameras on
+        which nothing is measured have none."""
         exact = self._exact_mask_source
         if exact is None or (isinstance(exact, FileMaskSource) and camera not in exact.cameras):
             return self.mask(camera, frame)
@@ -175,7 +175,7 @@ class Footage:
         return FootageView(self.rig[camera], image, mask, frame, self.plate(camera))
 
     def full_size_view(self, camera: str, frame: int) -> FootageView:
-        """As `view`, at the size of the footage, whatever `spec.scale` is. Its images are not cached; a `view` of the
+        """A `view` at the size of the footage, whatever `spec.scale` is. Its images are not cached; a `view` of the
         same camera and frame that follows needs no more decoding."""
         scaled = self._warp(camera).source
         warp = Warp(scaled, scaled.width, scaled.height, 1.0)
@@ -205,8 +205,8 @@ class Footage:
         return plate.copy()
 
     def chroma(self, camera: str, full_size: bool = False) -> ChromaSampling | None:
-        """Chroma grid of a camera's images, or of those of `full_size_view`; None without subsampling, for image files,
-        and for images that are undistorted or scaled, as these have no such grid."""
+        """Chroma grid of a camera's images, at the size of the footage if `full_size`. None without subsampling, for
+        image files, and for images that are undistorted or scaled, since these have no such grid."""
         source, warp = self._source(camera), self._warp(camera)
         return source.chroma if warp.is_identity or (full_size and warp.source.is_pinhole) else None
 
@@ -245,7 +245,7 @@ class Footage:
         return self._cache.get_or_make(("raw", camera, frame), lambda _: (source.read(frame),))[0]
 
     def _raw_mask(self, camera: str, frame: int) -> np.ndarray:
-        """As `raw_mask`, cached only if both the image and the mask need it."""
+        """The array that `raw_mask` copies; it is cached only if both the image and the mask need it."""
         key = ("raw mask", camera, frame)
         cached = self._cache.get(key)
         if cached is None:

@@ -16,8 +16,8 @@ _LEAST_CAMERAS = 2  # A visual hull and triangulation need so many
 
 
 def rig_of_footage(rig: Rig, spec: CaptureSettings, names: Sequence[str], without_masks: Sequence[str] = ()) -> Rig:
-    """The cameras that the footage (`names`) and a camera file share, matched as in `match_rig`, with their names in
-    the footage; `left_out` are those of the footage that are not used, `notes` also say which of either are not.
+    """The cameras that the footage (`names`) and a camera file share, matched as in `match_rig`, under their names in
+    the footage. `left_out` has the cameras of the footage that are not used; `notes` say which of either are not used.
 
     Footage of cameras that the file does not have, or has without a pose, is not used. The former is refused
     (StudioError `calibration.camera_missing`) if the file has other cameras that the footage lacks, since names may
@@ -88,7 +88,7 @@ def refuse_missing(rig: Rig, names: Sequence[str]) -> None:
 
 
 def _matched(rig: Rig, names: Sequence[str]) -> dict[str, str]:
-    """Name in the footage to that in the rig or its `left_out`, of those that have one."""
+    """Name in the footage to name in the rig or its `left_out`, for the cameras that are in both."""
     known = dict.fromkeys((*rig.names, *rig.left_out))
     by_name = {name: name for name in known}
     if not set(names) <= set(by_name):

@@ -154,7 +154,7 @@ def suggested_held_out(names: Sequence[str]) -> tuple[str, ...]:
 def _with_masks(
     spec: CaptureSettings, sources: Mapping[str, FrameSource], unmasked: Sequence[str], held_out: Sequence[str]
 ) -> dict[str, FrameSource]:
-    """Without cameras that need masks but have none: by a source of one's own, or by `auto` with mask files."""
+    """The sources, without cameras that need masks but have none, as a source of one's own or mask files may lack."""
     left_out = [name for name in unmasked if name not in held_out]
     if ":" not in spec.masks and (spec.masks != "auto" or 2 * len(left_out) > len(sources)):
         left_out = []
@@ -166,7 +166,7 @@ def _with_masks(
 
 
 def on_this_machine(spec: CaptureSettings) -> CaptureSettings:
-    """With the mirror of a folder in object storage."""
+    """The settings; `root` is the local mirror if the capture is in object storage."""
     return spec.replace(root=mirrored(spec.root)) if is_address(spec.root) else spec
 
 
@@ -301,7 +301,7 @@ def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[flo
 
 
 def _video_notes(sources: Mapping[str, FrameSource]) -> str:
-    """What is unusual about the videos, one line for the cameras of which it is true."""
+    """Notes on unusual videos, one line for all cameras with the same note."""
     cameras: dict[str, list[str]] = {}
     for camera, source in sources.items():
         if source.note:

@@ -1,4 +1,5 @@
-"""Undistorts and scales raw images to those of a pinhole camera, and adapts calibrations to the footage's size."""
+"""Turns raw images into images of a pinhole camera, without distortion and scaled, and adapts calibrations to the
+footage's size."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -12,7 +12,7 @@ class AlphaMaskSource(MaskSource):
     """A `MaskSource` that uses the alpha channel of the images."""
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError `mask.alpha_missing`."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError `mask.alpha_missing`."""
         if image.shape[2] != 4:
             problem = f"Frame {frame} of camera '{camera}' has no alpha channel"
             fix = "Choose another source of masks in capture.masks."
@@ -23,7 +23,7 @@ class AlphaMaskSource(MaskSource):
 
 
 def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Masks from the images: see `studio.masks.sources`. Raises StudioError `mask.alpha_missing`."""
+    """Open masks from the images, for `SOURCES`. Raises StudioError `mask.alpha_missing`."""
     bare = next((name for name, source in inputs.sources.items() if not source.has_alpha), None)
     opaque = bare is None and _is_opaque(inputs)
     if bare is None and (required or not opaque):

@@ -127,7 +127,7 @@ class ChromaMaskSource(MaskSource):
         return find_screen(images, camera, None if isinstance(key, str) else key)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError as `find_screen`."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError as `find_screen`."""
         image = np.ascontiguousarray(image[:, :, :3])
         inside = self._inputs.inside(camera, frame, image)
         return chroma_mask(image, self.screen(camera), self._inputs.spec, inside)
@@ -138,5 +138,5 @@ class ChromaMaskSource(MaskSource):
 
 
 def open_chroma_key(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
-    """Masks from a screen: see `studio.masks.sources`."""
+    """Open masks from a screen, for `SOURCES`."""
     return ChromaMaskSource(inputs), "chroma key"

@@ -19,10 +19,10 @@ _LEAST_PIXELS = 30  # of a shadow, or nearby
 def colored_shadow(
     ours: np.ndarray, empty: np.ndarray, image: np.ndarray, plate_image: np.ndarray, noise: np.float32
 ) -> np.ndarray | None:
-    """Shadows that change the color of the set, as those of several colored lights do, or that are very dark.
+    """Shadows that change the color of the set, as shadows of several colored lights do, or that are very dark.
 
     A shadow multiplies each channel by a factor of its own, so a performer who is darker than a plain set looks like
-    one. The texture of the plate decides: if it shows through where the factors are alike, they are those of a shadow,
+    one. The texture of the plate decides: if it shows through where the factors are alike, they belong to a shadow,
     also where the set is too plain to tell, and so is everything between them and no shadow, its edges. Where the plate
     has texture and the footage nearby lacks it, there is no shadow, whatever the factors.
 
@@ -68,7 +68,8 @@ def _textures(ours: np.ndarray, empty: np.ndarray, window: tuple[int, int]) -> t
 
 
 def _without_texture(ours: np.ndarray, empty: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the plate has texture here, but what is asked of the footage nearby does not show it."""
+    """Pixels, (H, W) bool, where the plate has texture, but where the footage lacks it in the pixels nearby that are in
+    `asked`."""
     import cv2
 
     weight = asked.astype(np.float32)
@@ -95,7 +96,7 @@ def _factor_bins(factors: np.ndarray) -> np.ndarray:
 
 
 def _with_penumbra(sure: np.ndarray) -> np.ndarray:
-    """(B, B, B) bool of shadows, and of all that lies between them and no shadow: their edges."""
+    """Bins, (B, B, B) bool, of shadows and of their edges, which are all bins between a shadow and no shadow."""
     width = _BRIGHTEST / _FACTOR_BINS
     depth = 1 - (np.argwhere(sure) + 0.5) * width
     passes = np.zeros_like(sure)

@@ -31,8 +31,8 @@ def open_imported(inputs: MaskInputs) -> tuple[MaskSource, str]:
 
 
 def _module(name: str, path: str) -> ModuleType:
-    """The module. One that was not imported yet is not looked for in the working directory, where anybody's files may
-    be, such as those of a take: a take's settings must not run them."""
+    """The module. If it was not imported yet, it is not looked for in the working directory, where anybody's files may
+    be, such as a take's: the settings of a take must not run them."""
     main = sys.modules.get("__main__")
     if main is not None and Path(getattr(main, "__file__", None) or "").stem == name:
         return main

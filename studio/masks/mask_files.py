@@ -96,7 +96,8 @@ class FileMaskSource:
         return source
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError: `mask.missing`, `mask.aspect_ratio`, or the file cannot be read."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError: `mask.missing`, `mask.aspect_ratio`, or the
+        file cannot be read."""
         import cv2
 
         source = self._source(camera, frame)
@@ -152,7 +153,7 @@ def _is_exact(source: FrameSource) -> bool:
 
 
 def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Masks from files: see `studio.masks.sources`. Raises StudioError `mask.not_found` or `mask.missing`."""
+    """Open masks from files, for `SOURCES`. Raises StudioError `mask.not_found` or `mask.missing`."""
     files = find_files_of(
         inputs, "mask_files", MASK_FOLDERS, required,
         code="mask.not_found", what="mask", example="masks/{camera}/{frame}.png",

@@ -76,14 +76,14 @@ def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
 
 
 def masked_cameras(source: MaskSource, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the cameras that a source has masks of."""
+    """Cameras among `names` that have masks of a source."""
     masked = source.cameras if isinstance(source, OfSomeCameras) else None
     return tuple(name for name in names if masked is None or name in masked)
 
 
 @dataclass(frozen=True)
 class GarbageMasks:
-    """Where the performer may be, see `studio.masks.garbage_masks`.
+    """Areas in which the performer may be; `studio.masks.garbage_masks` reads them.
 
     Attributes:
         inside: for camera, frame and raw image (H, W, ...): (H, W) bool; None: everywhere. Raises StudioError.
@@ -124,7 +124,7 @@ class MaskInputs:
         return self.sources[camera].read(frame)[:, :, :3]
 
     def inside(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray | None:
-        """Where the performer may be, as `GarbageMasks.inside`."""
+        """Area in which the performer may be, (H, W) bool; None: everywhere. Raises StudioError."""
         return None if self.garbage is None else self.garbage.inside(camera, frame, image)
 
     def first_image(self, camera: str) -> np.ndarray:
@@ -140,7 +140,7 @@ class FullMaskSource(MaskSource):
 
 
 def open_none(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
-    """No masks: see `studio.masks.sources`."""
+    """Open a source without masks, for `SOURCES`."""
     return FullMaskSource(), "none; everything is foreground"
 
 
@@ -156,5 +156,5 @@ class MissingMaskSource(MaskSource):
         self.message = Message("mask.no_source", problem, fix=fix, fields={"setting": "capture.masks"})
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError `mask.no_source`."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError `mask.no_source`."""
         raise StudioError.of(self.message)

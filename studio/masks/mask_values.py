@@ -52,8 +52,9 @@ class MaskValues:
 
 
 def read_mask_values(path: Path) -> np.ndarray:
-    """The values of a mask image, (H, W), as `mask_channel`; of a palette, the index. A palette of grays with black and
-    white is that of a gray image, so that its colors count. Raises StudioError as `read_values`."""
+    """The values of a mask image, (H, W): `mask_channel` of its pixels or, of an image with a palette, the indices. If
+    the palette is grays with black and white, the image is gray, and its colors count. Raises StudioError as
+    `read_values`."""
     values, palette = read_values(path)
     if palette is not None:
         used = palette[np.unique(values)]
@@ -62,8 +63,8 @@ def read_mask_values(path: Path) -> np.ndarray:
 
 
 def mask_channel(values: np.ndarray) -> np.ndarray:
-    """Of an image, (H, W) or (H, W, 3 or 4; RGB or RGBA), the (H, W) that is the mask: alpha if any pixel is
-    transparent, else the largest channel."""
+    """The mask, (H, W), in an image, (H, W) or (H, W, 3 or 4; RGB or RGBA): alpha if any pixel is transparent, else the
+    largest channel."""
     if values.ndim == 2:
         return values
     if values.shape[2] == 4:

@@ -59,7 +59,7 @@ class FunctionMaskSource:
         return self
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`.
+        """The mask as `MaskSource.mask` describes it.
 
         Raises:
             StudioError: `mask.function_failed`: the function raised an exception, which is the cause;

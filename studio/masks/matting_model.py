@@ -255,7 +255,7 @@ class ModelMaskSource(MaskSource):
         self._recipe = f"{digest_files(files[0].parent, files)} {model.kind}" if cached else ""
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError as `MattingModel`."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError as `MattingModel`."""
         image = np.ascontiguousarray(image[:, :, :3])
 
         def make() -> np.ndarray:
@@ -286,6 +286,6 @@ def largest_components(mask: np.ndarray, components: int) -> np.ndarray:
 
 
 def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
-    """Masks from a model: see `studio.masks.sources`. Raises StudioError as `load_model`."""
+    """Open masks from a model, for `SOURCES`. Raises StudioError as `load_model`."""
     model = load_model(inputs)
     return ModelMaskSource(inputs, model), f"matting model {model.files()[0].name}"

@@ -32,7 +32,8 @@ _VERSION = 1  # of the algorithm; part of the names of cached files
 
 
 def background_cache() -> MemoryCache[str, Background]:
-    """Backgrounds by camera: those that were used last, since those of a large rig do not fit into memory together."""
+    """A cache of backgrounds by camera. It keeps the last ones used, since a large rig's do not fit into memory
+    together."""
     return MemoryCache(_KEPT_BYTES, lambda behind: behind.nbytes, least=1)
 
 
@@ -46,7 +47,8 @@ def median_plate(images: Callable[[int], np.ndarray], count: int) -> np.ndarray:
 
 
 def estimate_background(read: Callable[[int], np.ndarray], frames: Sequence[int]) -> Background:
-    """The empty set from one camera's footage (see the module), read twice per sample, in order."""
+    """Estimate the empty set from one camera's footage by the steps at the top of this file. Each sampled frame is read
+    twice, in order."""
     import cv2
 
     chosen, small = evenly_spaced(frames, _SAMPLES), []

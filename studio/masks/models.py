@@ -98,8 +98,8 @@ def model_named(name: str) -> Model:
 
 
 def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
-    """Write a model's weights to a folder, which is created if it does not exist; returns the file. One that is there
-    and has the right SHA-256 stays. `package`: the package's file, if it has been downloaded; None: download it.
+    """Write a model's weights to a folder, which is created if it does not exist; returns the file. A file that is
+    there and has the right SHA-256 stays. `package`: the package's file, if it has been downloaded; None: download it.
     StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table."""
     target = folder / f"{model.name}{model.suffix}"
     if target.is_file() and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:

@@ -131,11 +131,11 @@ class PlainMaskSource(MaskSource):
         return None
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError `mask.not_plain`."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError `mask.not_plain`."""
         return plain_mask(np.ascontiguousarray(image[:, :, :3]), self.color(camera))
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """See `Recolors`: the performer's color in mixed pixels, F = (I - (1 - a) B) / a."""
+        """The image with the performer's color in mixed pixels, F = (I - (1 - a) B) / a; see `Recolors`."""
         rows, columns = np.nonzero((mask > 25) & (mask < 255))
         alpha = mask[rows, columns, None].astype(np.float32) / 255
         mixed = image[rows, columns].astype(np.float32) - (1 - alpha) * self.color(camera)
@@ -145,7 +145,7 @@ class PlainMaskSource(MaskSource):
 
 
 def open_plain(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Masks from a plain background: see `studio.masks.sources`."""
+    """Open masks from a plain background, for `SOURCES`."""
     source = PlainMaskSource(inputs)
     if not required and not _is_plain(inputs, source):
         return None

@@ -39,7 +39,8 @@ class PlateMaskSource(MaskSource):
         return self._backgrounds.get_or_make(camera, self._load)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError `mask.plate_size`, or the plate cannot be loaded."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError `mask.plate_size`, or the plate cannot be
+        loaded."""
         behind = self.background(camera)
         if behind.plate.shape[:2] != image.shape[:2]:
             size, expected = (behind.plate.shape[1], behind.plate.shape[0]), (image.shape[1], image.shape[0])
@@ -84,7 +85,7 @@ def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
 
 
 def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSource, str] | None:
-    """Masks from clean plates: see `studio.masks.sources`."""
+    """Open masks from clean plates, for `SOURCES`."""
     spec = inputs.spec
     plates = find_files_of(
         inputs, "clean_plates", PLATE_FOLDERS, required,
@@ -107,7 +108,7 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSourc
 
 
 def open_median_background(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSource, str] | None:
-    """Masks from the footage's background: see `studio.masks.sources`. Raises StudioError `mask.too_few_frames`."""
+    """Open masks from the footage's background, for `SOURCES`. Raises StudioError `mask.too_few_frames`."""
     count = inputs.frame_count
     if count < (3 if required else FEW_FRAMES):
         if not required:

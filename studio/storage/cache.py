@@ -1,4 +1,4 @@
-"""Where a machine keeps what it got from object stores, and how much of it."""
+"""The folder in which a machine keeps copies of objects from stores, and its limit."""
 
 import math
 import os
@@ -46,7 +46,7 @@ class DiskCache:
         self._lock = threading.Lock()
 
     def path(self, key: str) -> Path:
-        """Where the object of this key (hexadecimal) is kept."""
+        """The file in which the object of this key (hexadecimal) is kept."""
         return self.folder / "objects" / key[:2] / key
 
     def added(self, count: int) -> None:

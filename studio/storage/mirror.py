@@ -82,7 +82,7 @@ def _fetch(path: Path, pointer: Pointer, store: Store) -> None:
 
 @contextmanager
 def _named(store: Store, name: str) -> Iterator[None]:
-    """Say which object has too long a name."""
+    """Raise StudioError (storage.bad_name) if the name of an object is too long for a file."""
     try:
         yield
     except OSError as error:
@@ -97,7 +97,8 @@ def _bad_name(store: Store, name: str, problem: str) -> StudioError:
 
 
 def _beside(path: Path) -> Path:
-    """Says which version of an object a fetched file has. Hidden: footage is never looked for in such files."""
+    """The file that says which version of an object a fetched file has. It is hidden, so that it is never taken for
+    footage."""
     return path.with_name(f".{path.name}.pointer")
 
 

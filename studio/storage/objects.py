@@ -38,7 +38,7 @@ _COPIED_AT_ONCE = 16 << 20
 
 @dataclass(frozen=True)
 class Pointer:
-    """Which object of a store a file stands for: its size in bytes, and a tag that changes with its content."""
+    """The object of a store for which a file stands, with its size in bytes and a tag that changes with its content."""
 
     store: str
     path: str

@@ -227,7 +227,7 @@ def _result(
     sizes: Mapping[str, tuple[int, int]],
     **more: Any,
 ) -> CalibrationResult:
-    """In world coordinates; `more`: further fields of the report."""
+    """The result in world coordinates; `more`: further fields of the report."""
     observations = rig.observations
     cameras = Rig(tuple(rig.cameras[name] for name in sizes))
     kept = np.flatnonzero(rig.triangulated)

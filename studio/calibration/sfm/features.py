@@ -65,8 +65,8 @@ def count_rows(database: Path, query: str, written: bool = False) -> int:
 
 
 def file_name(number: int, sync_frame: int = 0) -> str:
-    """Name of a camera's image of a sync frame. In the database for mapping it is that of the first, from which COLMAP
-    takes the colors of points."""
+    """Name of the image of a camera and a sync frame. The database for mapping has one image per camera, named after
+    the first sync frame, whose colors COLMAP gives to the points."""
     return f"{number:04d}.png" if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
 
 
@@ -87,7 +87,7 @@ def find_matches(folder: Path, job: SfmJob) -> Path:
 
 def write_images(database: Any, job: SfmJob, sync_frames: int = 1) -> None:
     """Write the job's cameras, each with a rig, and images of sync frames, each with a frame, in a fixed order, so that
-    ids do not depend on threads: those of camera n begin with n * sync_frames + 1."""
+    ids do not depend on threads: the images of camera n have ids from n * sync_frames + 1 on."""
     import pycolmap
 
     cameras = []
@@ -135,7 +135,7 @@ def _extract(path: Path, folder: Path, job: SfmJob) -> None:
 
 
 def _match(path: Path, folder: Path, job: SfmJob) -> None:
-    """Match camera pairs per sync frame: the given pairs, all pairs (of a few cameras), or those of a preview."""
+    """Match camera pairs per sync frame: the given pairs, all pairs of a few cameras, or the pairs of a preview."""
     pairs = list(job.pairs)
     if not pairs and len(job.names) > FEW:
         pairs = _preview_pairs(path, folder, job)

@@ -159,7 +159,7 @@ def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
 
 
 def _with_usual_focal(report: CalibrationReport, rig: Rig) -> CalibrationReport:
-    """With the usual focal length for cameras whose own is far from it."""
+    """The report, with the usual focal length at cameras whose own is far from it."""
     cameras = dict(report.cameras)
     for camera in rig:
         like = [other.fx for other in rig if (other.width, other.height) == (camera.width, camera.height)]

@@ -22,7 +22,8 @@ which the simpler intrinsics are accepted. Independent Gaussian errors give 1; S
 3 to 5. At 13 (focal lengths that differ by 0.1%), shared and separate intrinsics gave equally accurate cameras; at 35
 (0.2%), shared intrinsics had twice the error."""
 ASPECT_LIMIT = 50.0
-"""The same for the pixels' aspect ratio: a single parameter exceeds the mean by chance, by 3.5 sigma at misfit 4."""
+"""Increase of the misfit below which pixels are accepted as square. It is larger than `LIMIT`, since a single parameter
+exceeds the mean by chance, by 3.5 sigma at misfit 4."""
 _ASPECT_STEP = 0.0025
 _FEWEST = 3
 
@@ -167,7 +168,7 @@ def stretched(model: Any, ratio: float) -> Any:
 
 
 def stretched_keypoints(database: Path, ratio: float) -> None:
-    """The same for the keypoints of a database, in place."""
+    """Convert the keypoints of a database to square pixels, in place, as `stretched` does with a model."""
     with closing(sqlite3.connect(database)) as rows, rows:
         for image, columns, data in rows.execute("SELECT image_id, cols, data FROM keypoints").fetchall():
             keypoints = np.frombuffer(data, np.float32).reshape(-1, columns).copy()
@@ -183,7 +184,7 @@ def in_given_pixels(camera: Any, ratio: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def square_pixels(ratio: float) -> np.ndarray:
-    """Factors of x and y."""
+    """(2,) factors of x and y that make pixels square, which are `ratio` times as high as wide."""
     return np.array([ratio**-0.5, ratio**0.5])
 
 

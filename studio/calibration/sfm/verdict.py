@@ -24,7 +24,8 @@ def match_inlier_ratio(model: Any, database: Path) -> float:
 
 
 def match_inlier_ratios(model: Any, database: Path) -> dict[int, float]:
-    """The same of the pairs of each registered image that has matches, by image id."""
+    """`match_inlier_ratio` of single images, by image id: over the pairs that the image is part of. Images without
+    matches are left out."""
     sums: dict[int, np.ndarray] = {}
     for pair, counts in _matches(model, database).items():
         for image in pair:

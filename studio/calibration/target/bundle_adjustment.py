@@ -39,8 +39,8 @@ class TargetRig:
         }
 
     def consensus(self, sync_frame: int, poses: Mapping[tuple[int, str], np.ndarray], most: float) -> np.ndarray:
-        """The target pose of a sync frame that fits most observations: the current pose, or that of a single camera.
-        `poses`: (4, 4) target to camera, of each observation alone; `most`: see `best_pose`."""
+        """The target pose of a sync frame that fits most observations: the current pose, or the one that a single
+        camera sees. `poses`: (4, 4) target to camera, of each observation alone; `most`: see `best_pose`."""
         seen = [camera for camera in self.cameras.values() if (sync_frame, camera.name) in self.views]
         ways = [np.linalg.inv(camera.world_to_camera) @ poses[sync_frame, camera.name] for camera in seen]
         if sync_frame in self.target_poses:

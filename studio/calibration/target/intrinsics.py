@@ -113,8 +113,8 @@ def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
 
 
 def target_pose(camera: Camera, view: TargetObservation) -> tuple[np.ndarray, float]:
-    """(4, 4) pose, target to camera, and the RMS reprojection error in pixels. Of the two poses of a planar target
-    (Collins and Bartoli 2014) it is the one with the smaller error."""
+    """(4, 4) pose, target to camera, and the RMS reprojection error in pixels. A planar target has two poses (Collins
+    and Bartoli 2014); the pose with the smaller error is returned."""
     import cv2
 
     world = view.corners

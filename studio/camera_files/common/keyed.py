@@ -96,7 +96,7 @@ class KeyedForm:
 
 @dataclass
 class FileNotes:
-    """What the cameras of a file had: ignored keys with their cameras; cameras with and without distortion."""
+    """Ignored keys of a camera file with their cameras, and the cameras with (`bent`) and without distortion."""
 
     ignored: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
     bent: list[str] = field(default_factory=list)
@@ -116,7 +116,7 @@ class FileNotes:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """For `Rig.notes`."""
+        """The sentences for `Rig.notes`."""
         straight = (NO_DISTORTION,) if self.straight else ()
         return *straight, *(
             f"Ignored in the camera file: '{key}' ({cameras_listed(own)})." for key, own in self.ignored.items()
@@ -150,8 +150,8 @@ def is_camera(values: object) -> bool:
 
 
 def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
-    """A rig from (name, values) of its cameras; `folder` is that of the file, for footage next to it. Cameras that have
-    intrinsics but no pose are in its `left_out`."""
+    """A rig from (name, values) of its cameras; cameras that have intrinsics but no pose are in its `left_out`. Image
+    sizes may come from footage in `folder`, in which the file is."""
     notes = FileNotes()
     names = [name for name, _ in entries]
     for name in names:

@@ -13,9 +13,9 @@ _FOOTAGE = sorted(IMAGE_EXTENSIONS) + sorted(VIDEO_EXTENSIONS)
 
 
 def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
-    """Width and height in pixels of a camera's footage near `folder`, that of the camera file. `name` is of an image, a
-    video (extension optional) or a folder of images, in the folder itself or in images/, videos/ and similar
-    subfolders."""
+    """Width and height in pixels of a camera's footage near the camera file, which is in `folder`. `name` is the name
+    of an image, a video (extension optional) or a folder of images, in the folder itself or in images/, videos/ and
+    similar subfolders."""
     for part in _FOLDERS:
         base = folder / part / name
         files = [base] if base.suffix.lower() in _FOOTAGE else []

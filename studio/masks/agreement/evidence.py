@@ -18,7 +18,7 @@ from v3studio.studio.masks.filters import brightness, guided_filter, odds_of_col
 LIMIT = 4.0
 """Log-odds of single images are clipped to this: any of them may be wrong."""
 _PRIOR, _STILL = 2.5, -4.0
-"""Log-odds of a pixel that has moved, and what is added where nothing has."""
+"""Log-odds of a pixel that has moved, and a term that is added where nothing has moved."""
 _EQUAL, _SET_COLOR, _NOISE = 0.45, 1.0, 0.9
 """Weights of the difference from the plate where it is small, of colors of the set, and of the difference in units of
 the noise."""

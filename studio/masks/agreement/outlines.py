@@ -9,7 +9,7 @@ CERTAIN = 2.5
 _SHARED = 3000
 """Samples of the performer's colors from all cameras, at least, for each camera."""
 BINS = 24
-"""Of colors, per channel."""
+"""Number of bins of colors, per channel."""
 _NEAR = 20
 """Pixels around the performer where colors of the set count more."""
 _TELLING = 0.5

@@ -1,11 +1,11 @@
-"""What a matting model says of each person: it sees them enlarged, not small in a whole image."""
+"""Evidence of a matting model for each person, who is shown to it enlarged, not small in a whole image."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 _SMALLEST = 0.05
-"""Of the performer's area; smaller parts are not looked at."""
+"""Share of the performer's area below which a part is not looked at."""
 _MARGINS = (0.15, 0.02)
 """Around a person, as fractions of the longer side: a look at what `solid` may lack, and one with more pixels."""
 _APART = 1 / 160

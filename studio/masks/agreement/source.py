@@ -57,10 +57,11 @@ _HEARD, _COLORS = 2.0, 0.5
 _IN_COLOR = 1.5
 """Weight of colors that occur in the set only, in the lowest log-odds of a camera's own evidence."""
 _CUT, _UNCUT = 1.5, 0.5
-"""Log-odds of an outline's two sides, and weight of what it was cut from, in the next votes."""
+"""In the votes after an outline was cut: log-odds of its inside (and, negative, of its outside), and the weight of the
+log-odds before the cut."""
 _LEARNED = 0.3
-"""Share of what was found in the next votes, except the last ones. The rest is each camera's own evidence: otherwise,
-what too many cameras miss is lost a little more in each round."""
+"""Share of the agreement in a camera's next vote, except the last ones. The rest is the camera's own evidence:
+otherwise, parts that too many cameras miss would shrink in each round."""
 _VOTE_LIMIT = 2.0
 """Log-odds of one camera's next vote are clipped to this."""
 _SEEN = 0.6
@@ -72,9 +73,9 @@ _VERSION = 6  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource(MaskSource):
-    """A `MaskSource` whose masks all cameras agree on; see the module docstring. `plates`: the empty set of each
-    camera, `estimated` from the footage or not; `model`: its masks of people are part of the evidence; `recipes`:
-    digests of what masks and sets depend on, for the disk cache."""
+    """A `MaskSource` whose masks all cameras agree on, by votes in rounds (described at the top of this file).
+    `plates`: the empty set of each camera, `estimated` from the footage or not; `model`: its masks of people are part
+    of the evidence; `recipes`: digests of all inputs of masks and of sets, for the disk cache."""
 
     def __init__(
         self,
@@ -99,7 +100,7 @@ class AgreedMaskSource(MaskSource):
         self._covers: MemoryCache[None, list[dict[str, np.ndarray]]] = MemoryCache(math.inf)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
-        """See `MaskSource`. Raises StudioError: a camera's image or plate cannot be read."""
+        """The mask as `MaskSource.mask` describes it. Raises StudioError: a camera's image or plate cannot be read."""
         image = np.ascontiguousarray(image[:, :, :3])
 
         def make() -> np.ndarray:
@@ -130,7 +131,7 @@ class AgreedMaskSource(MaskSource):
         return uncovered(self._plates.background(camera), images, [by_camera[camera] for by_camera in covers])
 
     def _cover(self, _: None) -> list[dict[str, np.ndarray]]:
-        """By frame and camera: (h, w) bool, where the performer may be."""
+        """Areas where the performer may be, (h, w) bool, by camera, for each frame of the set."""
         names = self._inputs.names
         sets = {name: self._plates.background(name) for name in names}
         covers: list[dict[str, np.ndarray]] = []
@@ -171,7 +172,7 @@ class AgreedMaskSource(MaskSource):
         return odds if inside is None else np.where(reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
-        """By camera: (h, w) bool, where all cameras together see the performer, at reduced size."""
+        """Areas in which all cameras together see the performer, (h, w) bool at reduced size, by camera."""
 
         def small(name: str) -> Background:
             return _reduced_background(self.background(name))
@@ -195,7 +196,8 @@ class AgreedMaskSource(MaskSource):
     def _vote(
         self, frame: int, sets: Mapping[str, Background], side: int, rounds: int, people: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """`people`: by camera, a model's log-odds; empty: there is none."""
+        """Areas that the cameras vote for, (h, w) bool, by camera. `people`: a model's log-odds, by camera; empty:
+        there is no model."""
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
 
             def each(function: Callable[..., np.ndarray], *values: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -246,7 +248,7 @@ class AgreedMaskSource(MaskSource):
 
 
 def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarray]) -> float:
-    """The threshold of votes at which their masks have the largest IoU with those of the log-odds."""
+    """The threshold of votes at which their masks have the largest IoU with the masks of the log-odds."""
     candidates = np.arange(-1.0, 1.95, 0.1)
     counts = np.zeros((2, len(candidates) + 1))  # set, performer: pixels by the number of candidates that they exceed
     for name, vote in votes.items():
@@ -282,7 +284,7 @@ def _reduced_background(behind: Background, side: int = _WORK_SIDE) -> Backgroun
 
 
 def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Masks on which all cameras agree: see `studio.masks.sources`."""
+    """Open masks on which all cameras agree, for `SOURCES`."""
     voters = len(inputs.names) - len(inputs.held_out)
     if not required and voters < FEWEST_CAMERAS:
         return None

@@ -24,17 +24,18 @@ _PIXELS = 4.0
 _FLOOR = -0.5
 """Voxels with a lower score belong to no performer."""
 _SLACK = (0.6, 0.3)
-"""By how much lower it may be for cells that are split again: at first, and later."""
+"""Difference by which the score may be lower in cells that are split again: at first, and later."""
 _MOST_VOXELS = 400_000
 _FEWEST_VIEWS = 0.2
-"""Of the voters, that must see a voxel; at least 3."""
+"""Share of the voters that must see a voxel; at least 3 must."""
 _LEVELS = 6  # of the image pyramids
 
 
 def heard(
     odds: Mapping[str, np.ndarray], cameras: Mapping[str, Camera], voters: frozenset[str]
 ) -> dict[str, np.ndarray]:
-    """By camera, (H, W) float32 from `SILENT` to 2: the best score of the voxels behind a pixel, by other cameras."""
+    """The best score that other cameras give a voxel behind each pixel: (H, W) float32 from `SILENT` to 2, by
+    camera."""
     voting = [name for name in odds if name in voters]
     pyramids = {name: _pyramid(np.clip(odds[name], -_LIMIT, _LIMIT)) for name in odds}
     least = max(3, round(_FEWEST_VIEWS * len(voting)))
