@@ -69,7 +69,7 @@ def logged(log: logging.Logger, what: str) -> Iterator[None]:
 
 def become(command: Sequence[str]) -> NoReturn:
     """Replace this process by a program, which `start` describes."""
-    os.execve(command[0], command, _environment())
+    os.execve(command[0], list(command), _environment())
 
 
 def forget_working_folder() -> None:

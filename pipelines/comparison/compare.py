@@ -114,12 +114,12 @@ def compare(
             takes=tuple(_result(take, found, names) for take, found in zip(takes, rows, strict=True)),
         )
     with disk_errors(out):
-        earlier, images = _earlier_images(out), {name for each in compared for name in each.images}
+        earlier, named = _earlier_images(out), {name for each in compared for name in each.images}
         with atomic_path(out / RESULTS) as temporary:
             write_model(temporary, result)
-            finished.publish(images)
+            finished.publish(named)
         for path in earlier:
-            if path.name not in images:
+            if path.name not in named:
                 remove(path)
         finished.remove()
     return result
