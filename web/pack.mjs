@@ -13,6 +13,7 @@ import { common, here, plugins } from "./bundle.mjs";
 const [out, pages] = process.argv.slice(2, 4).map((name) => resolve(name));
 const ADAPTER_LIMIT = 6_000;
 const ENTRIES = { player: "src/main.ts", stream: "src/package.ts", three: "engines/three.ts", playcanvas: "engines/playcanvas.ts" };
+const JSX = ["react", "preact"];
 const ENGINES = { three: "^0.187.0", "@sparkjsdev/spark": "^2.2.0", playcanvas: "^2.23.3" };
 
 await rm(out, { recursive: true, force: true });
@@ -50,8 +51,14 @@ for (const name of await readdir(types, { recursive: true })) {
   await writeFile(join(types, name), text.replace(/(["'])(\.{1,2}\/[^"']*)\.ts\1/g, "$1$2.js$1"));
 }
 
+for (const name of JSX) {
+  const text = await readFile(join(here, "engines", `${name}.d.ts`), "utf8");
+  await writeFile(join(types, "engines", `${name}.d.ts`), text.replace("main.ts", "main.js"));
+}
+
 const { version, license, description } = JSON.parse(await readFile(join(here, "package.json"), "utf8"));
 const entry = (name) => ({ types: `./types/${ENTRIES[name].replace(/\.ts$/, ".d.ts")}`, default: `./${name}.js` });
+const jsx = Object.fromEntries(JSX.map((name) => [`./${name}`, { types: `./types/engines/${name}.d.ts` }]));
 const manifest = {
   name: "@v3studio/player",
   version,
@@ -59,7 +66,7 @@ const manifest = {
   license,
   type: "module",
   sideEffects: ["./player.js"],
-  exports: { ".": entry("player"), "./stream": entry("stream"), "./three": entry("three"), "./playcanvas": entry("playcanvas") },
+  exports: { ".": entry("player"), "./stream": entry("stream"), "./three": entry("three"), "./playcanvas": entry("playcanvas"), ...jsx },
   files: ["*.js", "types"],
   peerDependencies: ENGINES,
   peerDependenciesMeta: Object.fromEntries(Object.keys(ENGINES).map((name) => [name, { optional: true }])),

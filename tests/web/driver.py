@@ -198,8 +198,8 @@ class Page:
         self.handle.wait_for_function(f"argument => {{ const {names}; return !!({condition}); }}", arg=argument)
 
     def wait_ready(self) -> None:
-        """Wait for the first picture. The page may still be the one before, or its element not yet defined."""
-        self.wait("player?.state?.ready || (seen?.error ?? []).length")
+        """Wait for the first picture and the controls. The page may still be the one before it."""
+        self.wait("(player?.state?.ready && player.ui) || (seen?.error ?? []).length")
         assert not self.seen("error"), self.seen("error")
 
     def seen(self, name: str) -> list[Any]:

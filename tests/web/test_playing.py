@@ -50,7 +50,7 @@ def test_seeking_shows_the_very_frame(page):
         """() => { const p = document.querySelector('v3-player');
           for (let k = 0; k < 200; k++) p.seek((k % 9) / 25); p.seek(7 / 25); }"""
     )
-    page.wait("!player.controls.timeline.seeking && player.engine.requested === null")
+    page.wait("!player.ui.timeline.seeking && player.engine.requested === null")
     assert page.state["frame"] == 7
 
 

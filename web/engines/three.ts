@@ -56,6 +56,8 @@ export class V3Performer extends SplatMesh {
   }
 
   override dispose(): void {
+    // Spark would go on to draw what is freed.
+    this.removeFromParent();
     this.playback.dispose();
     super.dispose();
   }

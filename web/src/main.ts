@@ -6,6 +6,7 @@ import { V3PlayerElement } from "./ui/element.ts";
 import { readParameters } from "./ui/values.ts";
 
 export { V3PlayerElement };
+export type { V3PlayerEventMap, V3PlayerHandlers, V3PlayerProperties, V3PlayerState } from "./ui/element.ts";
 export { Player } from "./player/player.ts";
 
 /** What a page says of its own stream, and not of one that a link names. */
@@ -14,7 +15,7 @@ const OWN = ["data-title", "data-credits", "data-license", "data-description", "
 /** The message interface for iframes, version 1 (docs/guides/web.md). Commands are harmless, so any embedding page may send
  * them; replies go to the embedding page. */
 const VERSION = 1;
-const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "sound", "notice", "updated", "error"];
+const EVENTS = ["opened", "ready", "play", "pause", "time", "view", "waiting", "ended", "looped", "sound", "notice", "updated", "error"] as const;
 
 const COMMANDS = ["play", "pause", "seek", "setSpeed", "setMuted", "setView", "resetView", "setLoop", "setBackground"] as const;
 
@@ -26,7 +27,7 @@ function listen(element: V3PlayerElement): void {
     window.parent.postMessage({ v3player: VERSION, event, detail }, "*");
   };
   for (const event of EVENTS)
-    element.addEventListener(`v3-${event}`, (sent) => post(event, (sent as CustomEvent).detail));
+    element.addEventListener(`v3-${event}`, ({ detail }: CustomEvent<unknown>) => post(event, detail));
   window.addEventListener("message", ({ data, source }: MessageEvent<unknown>) => {
     if (source !== window.parent || typeof data !== "object" || data === null) return;
     const message = data as Record<string, unknown>;
@@ -42,7 +43,8 @@ function listen(element: V3PlayerElement): void {
   });
 }
 
-if (customElements.get("v3-player") === undefined) {
+// Where pages are rendered on a server, there are no elements.
+if ("customElements" in globalThis && customElements.get("v3-player") === undefined) {
   // URL parameters apply before the element starts.
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
   const link = readParameters(new URLSearchParams(location.search), page?.hasAttribute("allow-src") === true);

@@ -19,6 +19,9 @@ export class Player extends Playback<Picture> {
   /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
   group: Rendition | null = null;
   readonly screen: Screen;
+  /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
+  isMoment = false;
+  private hidden_ = false;
   drawn = 0; // number of splats on the canvas
   private requestedAxis: DepthAxis = UNSORTED; // axis along which the last requested frame is sorted
   /** Axis along which the frame on the canvas was sorted, or is being sorted. */
@@ -77,8 +80,29 @@ export class Player extends Playback<Picture> {
     this.outside = null;
     if (renderer === null || this.stop.signal.aborted) return;
     this.change(renderer);
+    this.run();
+  }
+
+  /** Whether nobody can see the canvas: nothing is drawn, and the clock stands still. */
+  set hidden(hidden: boolean) {
+    if (hidden === this.hidden_) return;
+    this.hidden_ = hidden;
+    if (this.outside !== null) return;
+    this.skipTime();
+    cancelAnimationFrame(this.handle);
+    this.run();
+  }
+
+  private run(): void {
     this.screen.dirty = true;
-    this.handle = requestAnimationFrame(this.tick);
+    if (this.shown !== null && !this.hidden_) this.handle = requestAnimationFrame(this.tick);
+  }
+
+  /** What is on the canvas, as the address of an image; null if there is nothing. */
+  snapshot(): string | null {
+    if (this.shown === null || this.outside !== null) return null;
+    this.screen.render(performance.now());
+    return this.canvas.toDataURL("image/jpeg", 0.8);
   }
 
   /** Uses another renderer, to which everything must be sent again. */
@@ -189,7 +213,7 @@ export class Player extends Playback<Picture> {
     this.discard(picture);
     this.screen.dirty = true;
     if (first) this.screen.render(now);
-    if (this.handle === 0) this.handle = requestAnimationFrame(this.tick);
+    if (this.handle === 0) this.run();
   }
 
   protected override discard({ luma, order }: Picture): void {

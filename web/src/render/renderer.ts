@@ -273,6 +273,11 @@ export class Renderer {
     }
   }
 
+  /** Another one, for an immersive session. */
+  forSession(canvas: HTMLCanvasElement): Renderer {
+    return new Renderer(canvas, true);
+  }
+
   dispose(): void {
     this.resources = null;
     // Frees all that is in it.

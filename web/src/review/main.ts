@@ -14,7 +14,7 @@ import css from "./style.css";
 import { wordsPanel } from "./words.ts";
 
 function build(panel: HTMLElement, element: V3PlayerElement, player: Player, server: ReviewServer, data: ReviewData): void {
-  const controls = element.controls!;
+  const controls = element.ui!;
   const fps = player.info?.fps ?? 25;
   const seek = (frame: number): void => {
     element.pause();

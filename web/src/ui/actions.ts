@@ -44,7 +44,6 @@ const ACTIONS: readonly Action[] = [
   { help: { what: "Gamepad", keys: "left stick turns, right stick moves, triggers zoom; A plays, B resets the view" } },
   { keys: ["Escape"], run: ({ sheets }) => sheets.close() },
   { act: "start", run: ({ host }) => host.play() },
-  { act: "again", run: ({ host }) => host.open() },
   { act: "update", run: ({ host }) => host.openUpdated() },
   { act: "settings", run: ({ sheets }) => sheets.toggle("settings") },
   { act: "vr", run: (controls) => void controls.toggleImmersion("vr") },

@@ -5,7 +5,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
-import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isLight, isSuggested, SPEEDS } from "./choices.ts";
+import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
 import { Hint } from "./hint.ts";
@@ -18,18 +18,21 @@ import { Timeline } from "./timeline.ts";
 
 const IDLE = 3000; // milliseconds without user input until the controls hide
 const NOTICE = 5000;
-/** Milliseconds that a wait takes before it is shown: a spinner that turns takes the processor from what is waited for. */
-const SHORT_WAIT = 300;
 const FAINTEST = 0.1; // opacity of the image where nothing was filmed
 
 /** The element to which the controls belong. */
 export interface ControlsHost extends HTMLElement {
-  readonly state: { readonly ready: boolean };
+  readonly state: { readonly ready: boolean; readonly loop: boolean };
+  readonly background: string;
   play(): void;
   pause(): void;
   seek(seconds: number): void;
   /** Opens its stream, or a stream in one file. */
   open(file?: File): void;
+  setSpeed(speed: number): void;
+  setLoop(loop: boolean): void;
+  setMuted(muted: boolean): void;
+  setBackground(name: BackgroundName): void;
   openUpdated(): void;
   endIntro(): void;
 }
@@ -42,15 +45,11 @@ export class Controls {
   immersive: Immersive | null = null;
   /** Further URL parameters of links to a review. */
   reviewParameters: () => Readonly<Record<string, string>> = () => ({});
-  /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
-  isMoment = false;
   private readonly hint: Hint;
   private idleTimer = 0;
   private noticeTimer = 0;
-  private busyTimer = 0;
   private figuresTimer = 0;
   private outside = false; // whether the view is from where nothing was filmed
-  private background: BackgroundName = "stream";
   private played = false;
   private toldOfSound = false;
 
@@ -60,6 +59,8 @@ export class Controls {
     private readonly player: Player,
     signal: AbortSignal,
   ) {
+    for (const [name, { color }] of Object.entries(BACKGROUNDS))
+      this.part(`.swatch.${name}`).style.setProperty("--color", cssColor(color));
     const stage = this.part(".stage");
     this.timeline = new Timeline(this.part(".timeline"), player);
     this.hint = new Hint(this.part(".hint"));
@@ -103,13 +104,13 @@ export class Controls {
     }, { signal });
     signal.addEventListener("abort", () => this.end());
     this.follow(player);
-    this.setLoop(host.hasAttribute("loop"));
-    this.check("speed", "1");
+    if (player.info !== null) this.showOpened(player.info);
+    if (host.state.ready) this.showReady();
   }
 
   private end(): void {
     this.immersive?.end();
-    for (const timer of [this.idleTimer, this.noticeTimer, this.busyTimer, this.figuresTimer]) clearTimeout(timer);
+    for (const timer of [this.idleTimer, this.noticeTimer, this.figuresTimer]) clearTimeout(timer);
     this.hint.hide();
   }
 
@@ -117,15 +118,7 @@ export class Controls {
 
   private follow(player: Player): void {
     player.on("opened", (info) => this.showOpened(info));
-    player.on("ready", () => {
-      this.busy(false);
-      this.part(".poster").classList.add("gone");
-      this.host.classList.add("begun");
-      this.timeline.updateBuffered();
-      this.showPlaying(player.playing);
-      this.awake();
-      if (this.host.hasAttribute("controls")) this.hint.show(this.motion.ownsWheel());
-    });
+    player.on("ready", () => this.showReady());
     player.on("play", () => {
       this.say("Playing");
       this.showPlaying(true);
@@ -149,19 +142,27 @@ export class Controls {
     player.on("updated", () => {
       this.part(".update").hidden = false;
     });
-    player.on("waiting", (waiting) => this.busy(waiting));
     player.on("ended", () => this.say("The end"));
     player.on("sound", () => this.showSound());
-    player.on("notice", (message) => {
-      this.timeline.updateBuffered();
-      this.notice(message);
-    });
+    player.on("notice", () => this.timeline.updateBuffered());
+  }
+
+  private showReady(): void {
+    const { host, player } = this;
+    this.timeline.update(player.frame);
+    this.timeline.updateBuffered();
+    this.part(".now").textContent = clock(player.seconds);
+    this.showPlaying(player.playing);
+    this.showSound();
+    this.fade();
+    this.awake();
+    if (host.hasAttribute("controls")) this.hint.show(this.motion.ownsWheel());
   }
 
   private showOpened(info: StreamInfo): void {
     const { host, player } = this;
     this.part(".update").hidden = true;
-    this.setBackground(this.background);
+    this.showChoices();
     const title = host.getAttribute("data-title") ?? info.title ?? "";
     const credits = [host.getAttribute("data-credits") ?? "", host.getAttribute("data-license") ?? ""];
     const names = credits.filter((text) => text !== "").join(" · ");
@@ -186,7 +187,7 @@ export class Controls {
   private showPlaying(playing: boolean): void {
     this.relabel("play", playing ? ICONS.pause : ICONS.play, playing ? "Pause" : "Play");
     // The large button is only shown before the first playback.
-    this.part(".start").hidden = playing || this.played || this.isMoment;
+    this.part(".start").hidden = playing || this.played || this.player.isMoment;
     this.played ||= playing;
   }
 
@@ -197,13 +198,6 @@ export class Controls {
     const outside = visibility <= 0.5;
     if (outside && !this.outside) this.notice("Not filmed from here.");
     this.outside = outside;
-  }
-
-  busy(busy: boolean): void {
-    const { classList } = this.part(".veil");
-    clearTimeout(this.busyTimer);
-    if (busy) this.busyTimer = setTimeout(() => classList.add("busy"), SHORT_WAIT);
-    else classList.remove("busy");
   }
 
   /** Shows the controls for a while. */
@@ -237,13 +231,13 @@ export class Controls {
       host.pause();
       return;
     }
-    if (player.sound.blocked) player.sound.muted = false;
+    if (player.sound.blocked) host.setMuted(false);
     host.play();
   }
 
   toggleSound(): void {
     const { sound } = this.player;
-    if (sound.present) sound.muted = !sound.muted;
+    if (sound.present) this.host.setMuted(!sound.muted);
   }
 
   skip(seconds: number): void {
@@ -258,14 +252,14 @@ export class Controls {
   changeSpeed(step: number): void {
     const now = this.player.speed;
     const faster = SPEEDS.filter((speed) => (step > 0 ? speed > now : speed < now));
-    this.setSpeed(faster.at(step > 0 ? 0 : -1) ?? now);
+    this.host.setSpeed(faster.at(step > 0 ? 0 : -1) ?? now);
     this.notice(`Speed: ${this.player.speed}×.`);
   }
 
   nextBackground(): void {
     const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => !isSuggested(name, this.suggested));
     const next = names[(names.indexOf(this.background) + 1) % names.length];
-    this.setBackground(next);
+    this.host.setBackground(next);
     this.notice(`Background: ${BACKGROUNDS[next].label}.`);
   }
 
@@ -381,32 +375,25 @@ export class Controls {
 
   /** Does what a radio button says. */
   choose({ name, value }: HTMLInputElement): void {
-    if (name === "speed") this.setSpeed(Number(value));
-    else if (name === "loop") this.setLoop(value === "true");
-    else this.setBackground(value as BackgroundName);
+    if (name === "speed") this.host.setSpeed(Number(value));
+    else if (name === "loop") this.host.setLoop(value === "true");
+    else this.host.setBackground(value as BackgroundName);
   }
 
-  setSpeed(speed: number): void {
-    this.player.speed = speed;
-    this.check("speed", String(this.player.speed));
-  }
-
-  setLoop(loop: boolean): void {
-    if (this.player.loop !== loop) this.player.loop = loop;
-    this.check("loop", String(loop));
-  }
-
-  setBackground(name: BackgroundName): void {
-    const { suggested } = this;
-    this.background = name;
-    const color = name === "stream" ? suggested : BACKGROUNDS[name].color;
-    this.player.background = color;
-    this.host.style.backgroundColor = cssColor(color);
-    this.host.classList.toggle("light", isLight(color ?? backdropOf(this.host)));
+  /** Shows speed, loop and background as they are. */
+  showChoices(): void {
+    const { suggested, background } = this;
     this.part(".swatch.stream").style.setProperty("--color", cssColor(suggested));
     for (const { value, parentElement: label } of this.radios("background"))
       label!.hidden = isSuggested(value as BackgroundName, suggested);
-    this.check("background", isSuggested(name, suggested) ? "stream" : name);
+    this.check("background", isSuggested(background, suggested) ? "stream" : background);
+    this.check("speed", String(this.player.speed));
+    this.check("loop", String(this.host.state.loop));
+  }
+
+  private get background(): BackgroundName {
+    const { background } = this.host;
+    return isBackground(background) ? background : "stream";
   }
 
   /** The background of the stream, or black. */

@@ -1,17 +1,96 @@
-/** `<v3-player src="...">`: the player with its controls. docs/guides/web.md lists its attributes, methods and events. */
+/** `<v3-player src="...">`: the first image, and the interface for scripts. What is needed later is in rest.ts.
+ * docs/guides/web.md lists attributes, methods and events. */
 
-import type { PartialView } from "../render/camera.ts";
+import type { PartialView, View } from "../render/camera.ts";
 import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { EmbeddedFiles } from "../worker/source.ts";
-import { type HelpLine, listen } from "./actions.ts";
-import { type BackgroundName, isBackground, isDecoder } from "./choices.ts";
-import { Controls, type ControlsHost } from "./controls.ts";
-import { flyPath, loadPath } from "./intro.ts";
+import type { HelpLine } from "./actions.ts";
+import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isDecoder, isLight } from "./choices.ts";
+import { claim, release, type Tenant, watch } from "./contexts.ts";
+import type { Controls, ControlsHost } from "./controls.ts";
+import css from "./first.css";
+import { ICONS } from "./icons.ts";
 import { parseView } from "./link.ts";
-import css from "./style.css";
-import { helpRow, TEMPLATE } from "./template.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
+
+/** Milliseconds that a wait takes before it is shown: a spinner that turns takes the processor from what is waited for. */
+const SHORT_WAIT = 300;
+
+/** `detail` of each event. */
+export interface V3PlayerEventMap {
+  "v3-opened": CustomEvent<{ readonly frameCount: number; readonly fps: number; readonly duration: number; readonly title: string | null }>;
+  "v3-ready": CustomEvent<V3PlayerState>;
+  "v3-play": CustomEvent<null>;
+  "v3-pause": CustomEvent<null>;
+  "v3-time": CustomEvent<{ readonly frame: number; readonly seconds: number }>;
+  "v3-view": CustomEvent<View>;
+  "v3-waiting": CustomEvent<boolean>;
+  "v3-ended": CustomEvent<null>;
+  "v3-looped": CustomEvent<null>;
+  "v3-grown": CustomEvent<{ readonly frameCount: number; readonly duration: number; readonly live: boolean }>;
+  "v3-sound": CustomEvent<{ readonly muted: boolean; readonly volume: number }>;
+  "v3-intro-ended": CustomEvent<null>;
+  "v3-updated": CustomEvent<null>;
+  "v3-notice": CustomEvent<string>;
+  "v3-error": CustomEvent<string>;
+}
+
+export interface V3PlayerState {
+  readonly ready: boolean;
+  readonly playing: boolean;
+  readonly seconds: number;
+  readonly duration: number;
+  readonly frame: number;
+  readonly frameCount: number;
+  readonly speed: number;
+  readonly loop: boolean;
+  readonly live: boolean;
+  /** null without sound. */
+  readonly muted: boolean | null;
+  /** null before the stream is open. */
+  readonly view: View | null;
+}
+
+/** Properties that reflect attributes: as a framework sets them, or in markup. */
+export interface V3PlayerProperties {
+  src: string;
+  poster: string;
+  preload: string;
+  background: string;
+  view: string;
+  intro: string;
+  decoder: string;
+  autoplay: boolean;
+  loop: boolean;
+  muted: boolean;
+  controls: boolean;
+  page: boolean;
+  allowSrc: boolean;
+}
+
+/** Handlers of the events in JSX. */
+export type V3PlayerHandlers = { readonly [K in keyof V3PlayerEventMap as `on${K}`]?: (event: V3PlayerEventMap[K]) => void };
+
+declare global {
+  interface HTMLElementTagNameMap {
+    "v3-player": V3PlayerElement;
+  }
+  // eslint-disable-next-line @typescript-eslint/no-empty-object-type
+  interface HTMLElementEventMap extends V3PlayerEventMap {}
+}
+
+const TEXTS = ["src", "poster", "preload", "background", "view", "intro", "decoder"] as const;
+const SWITCHES = ["autoplay", "loop", "muted", "controls", "page", "allowSrc"] as const;
+
+const FIRST = `<div class="stage" tabindex="0" role="application" aria-roledescription="3D video" aria-label="Volumetric video" aria-describedby="about keys">
+  <canvas></canvas>
+  <button type="button" class="start" data-act="start" aria-label="Play" hidden>${ICONS.play}</button>
+</div>
+<p class="unseen" id="about"></p>
+<div class="poster"><slot><img alt="" hidden></slot></div>
+<div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
+<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>`;
 
 /** Files of a stream in this page: base64 in script elements below the element that `selector` names. */
 function embeddedFiles(selector: string): EmbeddedFiles {
@@ -19,91 +98,126 @@ function embeddedFiles(selector: string): EmbeddedFiles {
   return Object.fromEntries(Array.from(scripts, (script) => [script.dataset["v3File"]!, script.textContent]));
 }
 
+let styles: CSSStyleSheet | null = null;
+
 const reducesMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-export class V3PlayerElement extends HTMLElement implements ControlsHost {
-  static readonly observedAttributes = ["src", "poster", "background", "loop", "data-description"];
+// Where pages are rendered on a server, there are no elements, but the module can be imported.
+const Base = (globalThis as Partial<typeof globalThis>).HTMLElement ?? (Object as unknown as typeof HTMLElement);
 
-  private readonly root: ShadowRoot;
-  /** The player without controls; not part of the stable interface. */
-  engine: Player | null = null;
-  /** Not part of the stable interface. */
-  controls: Controls | null = null;
-  private lifetime: AbortController | null = null;
-  private isReady = false;
-  private wantsToPlay = false;
-  /** Time and view of a link, applied once the stream has been opened. */
-  private startAt: number | null = null;
-  private startView: PartialView | null = null;
+export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3PlayerProperties {
+  static readonly observedAttributes = ["src", "poster", "preload", "background", "loop", "muted", "view", "decoder", "data-description"];
+
+  declare src: string;
+  declare poster: string;
+  declare preload: string;
+  declare background: string;
+  declare view: string;
+  declare intro: string;
+  declare decoder: string;
+  declare autoplay: boolean;
+  declare loop: boolean;
+  declare muted: boolean;
+  declare controls: boolean;
+  declare page: boolean;
+  declare allowSrc: boolean;
+
+  readonly #root: ShadowRoot;
+  #engine: Player | null = null;
+  #ui: Controls | null = null;
+  #lifetime = new AbortController();
+  #unwatch: (() => void) | null = null;
+  #seen = false;
+  #isReady = false;
+  #wantsToPlay = false;
+  /** Where and from where to begin: of a link, or as it was before its context was given to another player. */
+  #startAt: number | null = null;
+  #startView: PartialView | null = null;
+  #speed = 1;
+  #file: File | null = null;
+  #notices: string[] = [];
+  #busyTimer = 0;
   /** Stops the intro that is flown. */
-  private intro: (() => void) | null = null;
-  private introWanted = false;
+  #stopIntro: (() => void) | null = null;
+  #introWanted = false;
 
   constructor() {
     super();
-    this.root = this.attachShadow({ mode: "open" });
+    this.#root = this.attachShadow({ mode: "open" });
+    this.#build();
+    this.#root.addEventListener("click", (event) => {
+      const act = (event.target as Element).closest<HTMLElement>("button")?.dataset["act"];
+      if (act === "again") this.open(this.#file);
+      // Until there are controls, which distinguish a tap from a turn.
+      if (act === "start" && this.#ui === null) this.play();
+    });
   }
 
   connectedCallback(): void {
-    this.root.innerHTML = `<style>${css}</style>${TEMPLATE}`;
-    this.lifetime = new AbortController();
-    this.isReady = false;
-    const path = this.getAttribute("decoder");
-    const canvas = this.root.querySelector("canvas")!;
-    try {
-      this.engine = new Player(canvas, { loop: this.hasAttribute("loop"), path: isDecoder(path) ? path : "auto" });
-    } catch (error) {
-      this.showFailure(messageOf(error));
-      return;
+    // Set before the element was defined, they hide those of the class.
+    for (const name of [...TEXTS, ...SWITCHES]) {
+      if (!Object.hasOwn(this, name)) continue;
+      const value = this[name];
+      Reflect.deleteProperty(this, name);
+      (this as Record<string, unknown>)[name] = value;
     }
-    this.controls = new Controls(this, this.root, this.engine, this.lifetime.signal);
-    listen(this, this.root, this.controls, this.lifetime.signal);
-    this.engine.sound.muted = this.hasAttribute("muted");
-    this.announce(this.engine);
-    const background = this.getAttribute("background");
-    this.setBackground(isBackground(background) ? background : "stream");
-    this.applyAttributes();
-    this.open();
+    if (this.#unwatch !== null) return; // it was only moved
+    this.#showPoster();
+    this.#unwatch = watch(this, (seen) => this.#see(seen));
+    if (this.page) this.#see(true);
+    else this.#consider();
   }
 
   disconnectedCallback(): void {
-    this.intro?.();
-    this.lifetime?.abort();
-    this.engine?.dispose();
-    this.intro = this.controls = this.engine = null;
-    this.root.replaceChildren();
+    queueMicrotask(() => {
+      if (this.isConnected) return; // it was moved
+      this.#unwatch?.();
+      this.#unwatch = null;
+      this.#seen = false;
+      this.#end();
+    });
   }
 
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
-    if (this.engine === null || before === now) return;
+    if (before === now || this.#unwatch === null) return;
+    const { sound, info } = this.#engine ?? {};
     if (name === "src") this.open();
-    else this.applyAttributes();
-    if (name === "background" && isBackground(now)) this.setBackground(now);
-    if (name === "loop") this.setLoop(now !== null);
+    else if (name === "decoder" && this.#engine !== null) {
+      this.#end();
+      this.#begin(true);
+    } else if (name === "background") this.#paint();
+    else if (name === "loop") this.#setLoop();
+    else if (name === "muted" && sound !== undefined) sound.muted = this.muted;
+    else if (name === "view" && info && parseView(now) !== null) this.setView(now!);
+    else this.#showPoster();
+    this.#consider();
   }
 
   // Public interface --------------------------------------------------------------------------------------------------
 
   play(): void {
-    this.wantsToPlay = true;
-    this.engine?.play();
+    this.#wantsToPlay = true;
+    if (this.#engine === null) this.#begin(true);
+    else this.#engine.play();
   }
 
   pause(): void {
-    this.wantsToPlay = false;
-    this.engine?.pause();
+    this.#wantsToPlay = false;
+    this.#engine?.pause();
   }
 
   /** Seeks to a time in seconds; before the first frame or after the last, to that frame. RangeError: not a finite number. */
   seek(seconds: number): void {
     readSeconds(seconds);
-    if (!this.engine?.info) this.startAt = seconds;
-    else this.controls?.timeline.seek(Math.floor(seconds * this.engine.info.fps + 1e-6));
+    const { info } = this.#engine ?? {};
+    if (!info) this.#startAt = seconds;
+    else if (this.#ui === null) this.#engine!.seek(seconds);
+    else this.#ui.timeline.seek(Math.floor(seconds * info.fps + 1e-6));
   }
 
   /** Goes to the newest group of a live stream. */
   seekLive(): void {
-    this.engine?.seekLive();
+    this.#engine?.seekLive();
   }
 
   /** Sets the view; see `state.view`. What is missing stays as it is. `view`: an object, or text as in links. RangeError: not
@@ -111,39 +225,40 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
   setView(view: PartialView | string): void {
     const given = readView(view);
     this.endIntro();
-    if (!this.engine?.info) this.startView = { ...this.startView, ...given };
-    else this.engine.view = given;
+    if (this.#engine?.info) this.#engine.view = given;
+    else this.#startView = { ...this.#startView, ...given };
   }
 
   /** Goes back to the initial view. */
   resetView(): void {
     this.endIntro();
-    if (this.engine?.info) this.controls?.motion.reset();
-    else this.startView = null;
+    if (!this.#engine?.info) this.#startView = null;
+    else if (this.#ui === null) this.#engine.camera.reset();
+    else this.#ui.motion.reset();
   }
 
   /** Sets the playback speed, 0.1 to 4; 1 is that of the recording. RangeError: not such a number. */
   setSpeed(speed: number): void {
-    const given = readSpeed(speed);
-    this.controls?.setSpeed(given);
+    this.#speed = readSpeed(speed);
+    if (this.#engine !== null) this.#engine.speed = this.#speed;
+    this.#ui?.showChoices();
   }
 
-  /** Whether playback starts over at the end. */
+  /** Whether playback starts over at the end: the attribute `loop`. */
   setLoop(loop: boolean): void {
-    const given = readSwitch(loop, "setLoop");
-    this.controls?.setLoop(given);
+    this.loop = readSwitch(loop, "setLoop");
+    this.#setLoop();
   }
 
-  /** What is behind the splats: a name as in the URL parameters. RangeError: another name. */
+  /** What is behind the splats, the attribute `background`: a name as in the URL parameters. RangeError: another name. */
   setBackground(name: BackgroundName): void {
-    const given = readBackground(name);
-    this.controls?.setBackground(given);
+    this.background = readBackground(name);
   }
 
   /** Turns the sound off or on. Browsers may refuse to turn it on before the viewer has touched the page. */
   setMuted(muted: boolean): void {
-    readSwitch(muted, "setMuted");
-    if (this.engine !== null) this.engine.sound.muted = muted;
+    this.muted = readSwitch(muted, "setMuted");
+    if (this.#engine !== null) this.#engine.sound.muted = muted;
   }
 
   /** Opens a stream in one file (`.v3s`) on this computer. */
@@ -151,140 +266,330 @@ export class V3PlayerElement extends HTMLElement implements ControlsHost {
     this.open(file);
   }
 
-  /** Also sent to a page that embeds the player in an iframe. `muted` is null without sound, `view` before the stream is open. */
-  get state() {
-    const { engine: player } = this;
+  /** Also sent to a page that embeds the player in an iframe. */
+  get state(): V3PlayerState {
+    const player = this.#engine;
     return {
-      ready: this.isReady,
-      playing: player?.playing ?? false,
-      seconds: player?.seconds ?? 0,
+      ready: this.#isReady,
+      playing: this.playing,
+      seconds: player?.info ? player.seconds : (this.#startAt ?? 0),
       duration: player?.duration ?? 0,
       frame: player?.frame ?? 0,
       frameCount: player?.info?.frameCount ?? 0,
-      speed: player?.speed ?? 1,
-      loop: player?.loop ?? false,
+      speed: this.#speed,
+      loop: this.loop,
       live: player?.info?.live ?? false,
       muted: player?.info?.hasSound === true ? player.sound.muted : null,
-      view: !player?.info ? null : player.view,
+      view: player?.info ? player.view : null,
     };
   }
 
   // For this package and its tests; not part of the stable interface --------------------------------------------------
 
+  /** The player without controls; null while it does not draw. */
+  get engine(): Player | null {
+    return this.#engine;
+  }
+
+  /** The controls, once they are loaded. */
+  get ui(): Controls | null {
+    return this.#ui;
+  }
+
+  get seen(): boolean {
+    return this.#seen;
+  }
+
+  get playing(): boolean {
+    return this.#engine?.playing ?? false;
+  }
+
+  retire(): void {
+    const picture = this.#engine?.snapshot() ?? null;
+    this.#end();
+    if (picture !== null) this.#showPoster(picture);
+  }
+
+  admit(): void {
+    this.#consider();
+  }
+
   /** Adds lines to *Help*. */
   addHelp(lines: readonly HelpLine[]): void {
-    this.root.querySelector(".help tbody")!.insertAdjacentHTML("afterbegin", lines.map(helpRow).join(""));
+    void import("./rest.ts").then(({ addHelp }) => addHelp(this.#root, lines));
   }
 
   notice(message: string): void {
-    this.controls?.notice(message);
+    if (this.#ui === null) this.#notices.push(message);
+    else this.#ui.notice(message);
+  }
+
+  busy(busy: boolean): void {
+    const { classList } = this.#find(".veil");
+    clearTimeout(this.#busyTimer);
+    if (busy) this.#busyTimer = setTimeout(() => classList.add("busy"), SHORT_WAIT);
+    else classList.remove("busy");
   }
 
   /** Opens the stream of the attribute `src`, or a stream in one file. */
   open(file: File | null = null): void {
-    const source = this.getAttribute("src") ?? "";
-    this.find(".failure").hidden = true;
-    if ((file === null && source === "") || this.engine === null) return;
-    this.isReady = false;
-    this.introWanted = this.hasAttribute("intro") && !reducesMotion();
-    this.controls?.busy(true);
-    this.find(".poster").classList.remove("gone");
-    this.wantsToPlay ||= this.hasAttribute("autoplay") && !reducesMotion();
+    this.#file = file;
+    const source = this.src;
+    this.#find(".failure").hidden = true;
+    const engine = this.#engine;
+    if (engine === null) {
+      if (this.#unwatch !== null && (file !== null || this.#mayBegin())) this.#begin(file !== null);
+      return;
+    }
+    if (file === null && source === "") return;
+    this.#isReady = false;
+    this.#introWanted = this.intro !== "" && !reducesMotion();
+    this.busy(true);
+    this.#find(".poster").classList.remove("gone");
+    this.#wantsToPlay ||= this.autoplay && !reducesMotion();
     try {
-      void this.engine.open(file ?? (source.startsWith("#") ? embeddedFiles(source) : source));
+      void engine.open(file ?? (source.startsWith("#") ? embeddedFiles(source) : source));
     } catch (error) {
-      this.showFailure(`The address "${source}" cannot be opened: ${messageOf(error).replace(/\.$/, "")}.`);
+      this.#fail(`The address "${source}" cannot be opened: ${messageOf(error).replace(/\.$/, "")}.`);
     }
   }
 
   /** Opens what has taken the stream's place, at the same time and view. */
   openUpdated(): void {
-    const { engine: player } = this;
-    if (player?.info) {
-      this.startAt = player.seconds;
-      this.startView = player.view;
-      this.wantsToPlay = player.playing;
-    }
+    this.#keep();
     this.open();
   }
 
   endIntro(): void {
-    this.introWanted = false;
-    if (this.intro === null) return;
-    this.intro();
-    this.intro = null;
-    this.tell("intro-ended");
+    this.#introWanted = false;
+    if (this.#stopIntro === null) return;
+    this.#stopIntro();
+    this.#stopIntro = null;
+    this.#tell("v3-intro-ended", null);
   }
 
   // Implementation ----------------------------------------------------------------------------------------------------
 
-  private find(selector: string): HTMLElement {
-    return this.root.querySelector<HTMLElement>(selector)!;
+  #find(selector: string): HTMLElement {
+    return this.#root.querySelector<HTMLElement>(selector)!;
   }
 
-  private tell(event: string, detail: unknown = null): void {
-    this.dispatchEvent(new CustomEvent(`v3-${event}`, { detail, bubbles: true, composed: true }));
+  #tell<K extends keyof V3PlayerEventMap>(event: K, detail: V3PlayerEventMap[K]["detail"]): void {
+    this.dispatchEvent(new CustomEvent(event, { detail, bubbles: true, composed: true }));
   }
 
-  private applyAttributes(): void {
-    const poster = this.root.querySelector<HTMLImageElement>(".poster")!;
-    const address = this.getAttribute("poster");
-    poster.hidden = address === null;
-    if (address !== null) poster.src = address;
-    this.find("#about").textContent = this.getAttribute("data-description") ?? "";
+  #build(): void {
+    this.#root.innerHTML = FIRST;
+    // Not by <style>, which a page's Content-Security-Policy may forbid.
+    styles ??= new CSSStyleSheet();
+    styles.replaceSync(css);
+    this.#root.adoptedStyleSheets = [styles];
   }
 
-  /** Dispatches the player's events as those of the element, after the controls have shown them. */
-  private announce(player: Player): void {
+  #see(seen: boolean): void {
+    this.#seen = seen;
+    if (this.#engine !== null) this.#engine.hidden = !seen && !this.page;
+    this.#consider();
+  }
+
+  #mayBegin(): boolean {
+    if (this.#file !== null) return true;
+    if (this.src === "") return false;
+    const asked = this.#wantsToPlay || this.page || this.autoplay || !["none", "poster"].includes(this.preload);
+    return asked && (this.#seen || this.page || this.#wantsToPlay);
+  }
+
+  /** Begins to draw if it is time. */
+  #consider(): void {
+    if (this.#unwatch === null || this.#engine !== null || !this.#find(".failure").hidden) return;
+    if (this.#mayBegin()) this.#begin(this.#wantsToPlay || this.#file !== null);
+    else this.#find(".start").hidden = this.src === "";
+  }
+
+  /** Takes a graphics context and opens the stream. */
+  #begin(urgent: boolean): void {
+    if (this.#unwatch === null || this.#engine !== null) return;
+    const admitted = claim(this, urgent);
+    this.#find(".start").hidden = admitted;
+    if (!admitted) return;
+    this.#showPoster();
+    const { decoder } = this;
+    try {
+      this.#engine = new Player(this.#root.querySelector("canvas")!, { loop: this.loop, path: isDecoder(decoder) ? decoder : "auto" });
+    } catch (error) {
+      release(this);
+      // Whoever listens may do so only once this element is in the page.
+      queueMicrotask(() => this.#fail(messageOf(error)));
+      return;
+    }
+    this.#lifetime = new AbortController();
+    this.#engine.hidden = !this.#seen && !this.page;
+    this.#engine.speed = this.#speed;
+    this.#engine.sound.muted = this.muted;
+    this.#announce(this.#engine);
+    this.#paint();
+    this.open(this.#file);
+  }
+
+  /** Gives the graphics context and all else back; time, view and the rest are kept for the next time. */
+  #end(): void {
+    release(this);
+    if (this.#engine === null) return;
+    this.#keep();
+    this.#stopIntro?.();
+    this.#stopIntro = null;
+    clearTimeout(this.#busyTimer);
+    this.#lifetime.abort();
+    this.#engine.dispose();
+    this.#engine = this.#ui = null;
+    this.#isReady = false;
+    this.classList.remove("begun", "idle");
+    this.#build();
+    this.#showPoster();
+  }
+
+  #keep(): void {
+    const engine = this.#engine;
+    if (!engine?.info) return;
+    this.#startAt = engine.seconds;
+    this.#startView = engine.view;
+    this.#wantsToPlay = engine.playing;
+  }
+
+  #setLoop(): void {
+    const engine = this.#engine;
+    if (engine !== null && engine.loop !== this.loop) engine.loop = this.loop;
+    this.#ui?.showChoices();
+  }
+
+  /** Shows the background that is chosen. */
+  #paint(): void {
+    const engine = this.#engine;
+    if (engine === null) return;
+    const name = isBackground(this.background) ? this.background : "stream";
+    const color = name === "stream" ? (engine.info?.background ?? BACKGROUNDS.black.color) : BACKGROUNDS[name].color;
+    engine.background = color;
+    this.style.backgroundColor = cssColor(color);
+    this.classList.toggle("light", isLight(color ?? backdropOf(this)));
+    this.#ui?.showChoices();
+  }
+
+  /** @param picture - of the frame that was shown, instead of the poster */
+  #showPoster(picture?: string): void {
+    this.#find("#about").textContent = this.getAttribute("data-description") ?? "";
+    const image = this.#root.querySelector<HTMLImageElement>(".poster img")!;
+    const address = picture ?? this.poster;
+    image.hidden = address === "" || (this.preload === "none" && picture === undefined && !this.#mayBegin());
+    if (image.hidden || image.getAttribute("src") === address) return;
+    image.loading = this.page ? "eager" : "lazy";
+    image.src = address;
+  }
+
+  /** Loads the controls, once for each context. */
+  async #addControls(player: Player): Promise<void> {
+    let rest: typeof import("./rest.ts");
+    try {
+      rest = await import("./rest.ts");
+    } catch {
+      this.#tell("v3-notice", "The controls did not arrive. Check the connection, then reload the page.");
+      return;
+    }
+    if (player !== this.#engine || this.#ui !== null) return;
+    this.#ui = rest.addControls(this, this.#root, player, this.#lifetime.signal);
+    for (const message of this.#notices.splice(0)) this.#ui.notice(message);
+  }
+
+  /** Dispatches the player's events as those of the element. */
+  #announce(player: Player): void {
     player.on("opened", (info) => {
-      this.introWanted &&= this.startView === null && this.startAt === null;
-      this.controls!.isMoment = this.startAt !== null;
-      const first = parseView(this.getAttribute("view"));
+      this.#introWanted &&= this.#startView === null && this.#startAt === null;
+      player.isMoment = this.#startAt !== null;
+      const first = parseView(this.view);
       if (first !== null) player.camera.begin(first);
-      if (this.startView !== null) player.view = this.startView;
-      if (this.startAt !== null) player.seek(this.startAt);
-      this.startView = this.startAt = null;
-      this.tell("opened", { frameCount: info.frameCount, fps: info.fps, duration: player.duration, title: info.title });
+      if (this.#startView !== null) player.view = this.#startView;
+      if (this.#startAt !== null) player.seek(this.#startAt);
+      this.#startView = this.#startAt = null;
+      this.#paint();
+      this.#tell("v3-opened", { frameCount: info.frameCount, fps: info.fps, duration: player.duration, title: info.title });
     });
     player.on("ready", () => {
-      this.isReady = true;
-      if (this.wantsToPlay) player.play();
-      this.tell("ready", this.state);
-      void this.introduce(player);
+      this.#isReady = true;
+      this.busy(false);
+      this.#find(".poster").classList.add("gone");
+      this.classList.add("begun");
+      if (this.#wantsToPlay) player.play();
+      this.#tell("v3-ready", this.state);
+      void this.#addControls(player).then(() => this.#introduce(player));
     });
-    for (const name of ["play", "pause", "ended", "looped"] as const) player.on(name, () => this.tell(name));
-    for (const name of ["view", "waiting", "notice"] as const) player.on(name, (detail: unknown) => this.tell(name, detail));
-    player.on("frame", (detail) => this.tell("time", detail));
-    player.on("grown", ({ frameCount, live }) => this.tell("grown", { frameCount, duration: player.duration, live }));
-    player.on("sound", () => this.tell("sound", { muted: player.sound.muted, volume: player.sound.element.volume }));
+    player.on("play", () => this.#tell("v3-play", null));
+    player.on("pause", () => this.#tell("v3-pause", null));
+    player.on("ended", () => this.#tell("v3-ended", null));
+    player.on("looped", () => this.#tell("v3-looped", null));
+    player.on("view", (view) => this.#tell("v3-view", view));
+    player.on("waiting", (waiting) => {
+      this.busy(waiting);
+      this.#tell("v3-waiting", waiting);
+    });
+    player.on("notice", (message) => {
+      this.notice(message);
+      this.#tell("v3-notice", message);
+    });
+    player.on("frame", (detail) => this.#tell("v3-time", detail));
+    player.on("grown", ({ frameCount, live }) => this.#tell("v3-grown", { frameCount, duration: player.duration, live }));
+    player.on("sound", () => this.#tell("v3-sound", { muted: player.sound.muted, volume: player.sound.element.volume }));
     player.on("updated", () => {
-      this.tell("updated");
+      this.#tell("v3-updated", null);
       // Before the first image, there is nothing to be kept.
-      if (!this.isReady) this.openUpdated();
+      if (!this.#isReady) this.openUpdated();
     });
-    player.on("failed", (message) => {
-      this.showFailure(message);
-      this.tell("error", message);
-    });
+    player.on("failed", (message) => this.#fail(message));
   }
 
   /** Flies the attribute's camera path, unless a link asks for a view or the viewer has moved the camera meanwhile. */
-  private async introduce(player: Player): Promise<void> {
-    const place = this.getAttribute("intro");
-    const wanted = (): boolean => this.introWanted && player === this.engine;
-    if (place === null || !wanted()) return;
+  async #introduce(player: Player): Promise<void> {
+    const wanted = (): boolean => this.#introWanted && player === this.#engine;
+    if (!wanted()) return;
     try {
-      const path = await loadPath(place, player);
-      if (wanted()) this.intro = flyPath(player, path, () => this.endIntro());
+      const { flyPath, loadPath } = await import("./rest.ts");
+      const path = await loadPath(this.intro, player);
+      if (wanted()) this.#stopIntro = flyPath(player, path, () => this.endIntro());
     } catch (error) {
       this.notice(messageOf(error));
     }
-    this.introWanted = false;
+    this.#introWanted = false;
   }
 
-  private showFailure(message: string): void {
-    this.controls?.busy(false);
-    this.find(".why").textContent = message;
-    this.find(".failure").hidden = false;
+  /** Says why nothing can be played, over the poster if there is one. */
+  #fail(message: string): void {
+    this.busy(false);
+    this.#find(".why").textContent = message;
+    this.#find(".failure").hidden = false;
+    this.#tell("v3-error", message);
   }
+}
+
+for (const name of TEXTS)
+  Object.defineProperty(V3PlayerElement.prototype, name, {
+    configurable: true,
+    enumerable: true,
+    get(this: V3PlayerElement): string {
+      return this.getAttribute(name) ?? "";
+    },
+    set(this: V3PlayerElement, value: unknown) {
+      if (value === null || value === undefined) this.removeAttribute(name);
+      else this.setAttribute(name, value as string);
+    },
+  });
+for (const name of SWITCHES) {
+  const attribute = name === "allowSrc" ? "allow-src" : name;
+  Object.defineProperty(V3PlayerElement.prototype, name, {
+    configurable: true,
+    enumerable: true,
+    get(this: V3PlayerElement): boolean {
+      return this.hasAttribute(attribute);
+    },
+    set(this: V3PlayerElement, value: unknown) {
+      this.toggleAttribute(attribute, Boolean(value));
+    },
+  });
 }

@@ -1,8 +1,7 @@
 /** The elements of the controls. */
 
-import type { Vector } from "../stream/metadata.ts";
 import { HELP, type HelpLine } from "./actions.ts";
-import { BACKGROUNDS, cssColor, SPEEDS } from "./choices.ts";
+import { BACKGROUNDS, SPEEDS } from "./choices.ts";
 import { ICONS } from "./icons.ts";
 import { canShare } from "./give_link.ts";
 
@@ -16,8 +15,8 @@ const radios = (name: string, title: string, choices: readonly [value: string, l
     `<label title="${label}"><input type="radio" name="${name}" value="${value}"><span ${more}>${label}</span></label>`).join("")}</div>
 </div>`;
 
-const swatch = (name: string, { label, color }: { label: string; color: Vector | null }): [string, string, string] =>
-  [name, label, `class="swatch ${name}" style="--color:${cssColor(color)}"`];
+const swatch = (name: string, { label }: { label: string }): [string, string, string] =>
+  [name, label, `class="swatch ${name}"`];
 
 export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";
@@ -33,16 +32,9 @@ const heading = (title: string): string =>
 const immersions = (more: string): string =>
   button("vr", "Watch in VR", "VR", more) + button("ar", "Place in the room (AR)", "AR", more);
 
-export const TEMPLATE = `
+export const template = (): string => `
 <p class="unseen" id="keys">Arrow keys turn, Shift and arrow keys move, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.</p>
-<p class="unseen" id="about"></p>
 <p class="unseen spoken" role="status" aria-live="polite"></p>
-<div class="stage" tabindex="0" role="application" aria-roledescription="3D video" aria-label="Volumetric video" aria-describedby="about keys">
-  <canvas></canvas>
-  <button type="button" class="start" data-act="start" aria-label="Play" hidden>${ICONS.play}</button>
-</div>
-<img class="poster" alt="" hidden>
-<div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
 <div class="top">
   <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
   <div class="notice" role="status" aria-live="polite"></div>
@@ -98,5 +90,4 @@ export const TEMPLATE = `
   <button type="button" class="offer" data-act="link-watch"><b>Share link to watch</b><small>The player alone, without the review.</small></button>
   <button type="button" class="offer" data-act="link-review"><b>Share link to this review</b><small>Secret: anyone who has it sees the footage and can change marks.</small></button>
 </div>
-<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>
 `;

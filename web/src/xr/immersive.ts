@@ -1,7 +1,7 @@
 /** A WebXR session: VR (the stream stands on the floor) or AR (it is placed on a surface). Both eyes are rendered into an
  * XRWebGLLayer. One sort, from the center of the head, serves both. */
 
-import { type DrawnView, Renderer } from "../render/renderer.ts";
+import type { DrawnView, Renderer } from "../render/renderer.ts";
 import type { Player } from "../player/player.ts";
 import { Resolution } from "../player/resolution.ts";
 import { StreamError } from "../stream/errors.ts";
@@ -44,7 +44,7 @@ export class Immersive {
     try {
       space = await session.requestReferenceSpace("local-floor").catch(() => session.requestReferenceSpace("local"));
       const canvas = document.createElement("canvas");
-      const renderer = new Renderer(canvas, true);
+      const renderer = player.screen.renderer.forSession(canvas);
       const layer = new XRWebGLLayer(session, renderer.gl, { antialias: false, depth: false, stencil: false });
       await session.updateRenderState({ baseLayer: layer });
       const viewer = kind === "ar" ? await session.requestReferenceSpace("viewer") : null;
