@@ -1,21 +1,24 @@
 import re
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, contents
+from tests.support.tiny_capture import Done
 from v3studio.studio.formats.sequence import open_import
 from v3studio.studio.stream import BakeSettings, Rung, StreamReader, check_stream
 
 
 @pytest.fixture
-def stream(tmp_path):
+def stream(tmp_path: Path) -> Path:
     """A stream of two groups."""
     settings = BakeSettings(ladder=(Rung(qp=24), Rung(qp=34)), preset="ultrafast")
     return bake_numbered(tmp_path / "stream", (2, 2), 25, 60, settings)
 
 
-def test_publish_copies_what_is_missing(here, stream, tmp_path):
+def test_publish_copies_what_is_missing(here: Callable[..., Done], stream: Path, tmp_path: Path) -> None:
     done = here("publish", stream, tmp_path / "web").ok()
     assert f"{len(contents(stream)) - 1} files copied" in done.stdout  # and the manifest
     again = here("publish", stream, tmp_path / "web", "--page", "--title", "A <walk>")
@@ -29,7 +32,7 @@ def test_publish_copies_what_is_missing(here, stream, tmp_path):
         assert not check_stream(reader).damage
 
 
-def test_a_stream_in_one_file_plays(here, stream, tmp_path):
+def test_a_stream_in_one_file_plays(here: Callable[..., Done], stream: Path, tmp_path: Path) -> None:
     out = tmp_path / "one.v3s"
     done = here("export", stream, "--format", "v3", "--out", out).ok()
     assert "4 frames" in done.stdout
@@ -41,8 +44,8 @@ def test_a_stream_in_one_file_plays(here, stream, tmp_path):
         open_import(out)
 
 
-def test_options_that_do_not_fit(here, stream):
+def test_options_that_do_not_fit(here: Callable[..., Done], stream: Path) -> None:
     export = ("export", stream, "--format", "v3", "--out")
     here(*export, "x.zip").fails("writes a .v3s file", code=2)
-    here(*export, "x.v3s", "--frames", "0:2").fails("no --frames", code=2)
+    here(*export, "x.v3s", "--frames", "0:2").fails("does not take --frames", code=2)
     here(*export, "x.v3s", "--of", "trained").fails("no --of", code=2)
