@@ -18,7 +18,7 @@ def main() -> None:
     video = v3.SplatVideo("cloud", fps=25, frame_count=len(frames), group_starts=(0,), read=frames.__getitem__)
     camera = camera_of()
     folder = Path(tempfile.mkdtemp())
-    found = []
+    measured = []
     for qp in arguments.qps:
         manifest = v3.bake_video(video, folder / f"qp{qp}", v3.BakeSettings(quality=qp))
         with v3.StreamReader.open(folder / f"qp{qp}") as reader, torch.no_grad():
@@ -26,13 +26,13 @@ def main() -> None:
                 float(v3.psnr(v3.rasterize(decoded, camera).image, v3.rasterize(frame, camera).image))
                 for decoded, frame in zip(reader.iterate(), frames, strict=True)
             ]
-        found.append((manifest.total_bytes, sum(psnrs) / len(psnrs)))
+        measured.append((manifest.total_bytes, sum(psnrs) / len(psnrs)))
         print(
-            f"QP {qp}: {manifest.total_bytes / len(frames) / 1000:.1f} KB per frame, {found[-1][1]:.2f} dB, "
+            f"QP {qp}: {manifest.total_bytes / len(frames) / 1000:.1f} KB per frame, {measured[-1][1]:.2f} dB, "
             f"worst {min(psnrs):.2f} dB"
         )
     if arguments.qps == sorted(set(arguments.qps)):
-        assert found == sorted(found, reverse=True), "a higher QP must give fewer bytes and a lower PSNR"
+        assert measured == sorted(measured, reverse=True), "a higher QP must give fewer bytes and a lower PSNR"
 
 
 if __name__ == "__main__":

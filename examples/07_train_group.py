@@ -42,9 +42,9 @@ def main() -> None:
         else:
             before = trained[-2] if len(trained) > 1 else None
             trained.append(v3.train_interframe(trained[-1], views, settings, before_previous=before))
-        for camera, found in v3.evaluate(trained[-1], footage, frame).items():
-            print(f"frame {frame}: {len(trained[-1])} splats, {found['psnr']:.1f} dB in {camera}, not trained on")
-            assert found["psnr"] > 18
+        for camera, figures in v3.evaluate(trained[-1], footage, frame).items():
+            print(f"frame {frame}: {len(trained[-1])} splats, {figures['psnr']:.1f} dB in {camera}, not trained on")
+            assert figures["psnr"] > 18
 
     video = v3.SplatVideo(
         "walk", footage.fps, len(trained), group_starts=(0,), read=trained.__getitem__, up=rig.up, view=rig["cam05"]

@@ -1,4 +1,4 @@
-"""What there is in a folder of footage, before there is a take: for `v3studio init` and the window's dialog."""
+"""Look into a folder of footage before there is a take, for `v3studio init` and the window's dialog."""
 
 import re
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ BACKGROUND = 0.35  # brightness of what is not in the mask, where there are mask
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """See the module."""
+    """The files in a folder of footage, and what can be chosen among them."""
 
     lines: tuple[str, ...] = ()  # what was found, one sentence each
     choices: tuple[str, ...] = ()  # those of `lines` about what settings choose, see `Footage`
@@ -81,7 +81,7 @@ def inspect(capture: CaptureSettings, progress: ProgressFn | None = None) -> Ins
 
 
 def found_lines(footage: Footage) -> tuple[str, ...]:
-    """What footage is and which camera file it has, one sentence each. Cameras to hold out are suggested once."""
+    """Sentences about footage and its camera file, one each. Cameras to hold out are suggested once."""
     lines, cameras = footage.description.splitlines(), camera_file_text(footage).splitlines()
     if any("capture.held_out: " in line for line in cameras):
         lines = [line for line in lines if "capture.held_out: " not in line]
@@ -90,12 +90,12 @@ def found_lines(footage: Footage) -> tuple[str, ...]:
 
 def _beside(footage: Footage, folders: re.Pattern[str]) -> tuple[str, ...]:
     """Patterns of masks or clean plates, one for each set of files."""
-    found: dict[str, set[Path]] = {}
+    files_by_pattern: dict[str, set[Path]] = {}
     for pattern, matches in all_beside(footage.spec.root, folders, footage.camera_names):
         files = {match.path for match in matches}
-        if not any(files & other for other in found.values()):
-            found[pattern] = files
-    return tuple(found)
+        if not any(files & other for other in files_by_pattern.values()):
+            files_by_pattern[pattern] = files
+    return tuple(files_by_pattern)
 
 
 def _images(footage: Footage, progress: ProgressFn) -> tuple[dict[str, np.ndarray], dict[int, np.ndarray]]:
@@ -109,8 +109,8 @@ def _images(footage: Footage, progress: ProgressFn) -> tuple[dict[str, np.ndarra
         progress(number, len(wanted))
         images.append(_thumbnail(footage, camera, frame))
     count = len(footage.camera_names)
-    found = {name: image for (name, _), image in zip(wanted, images[:count], strict=False) if image is not None}
-    return found, {frame: image for frame, image in zip(strip, images[count:], strict=True) if image is not None}
+    by_camera = {name: image for (name, _), image in zip(wanted, images[:count], strict=False) if image is not None}
+    return by_camera, {frame: image for frame, image in zip(strip, images[count:], strict=True) if image is not None}
 
 
 def _thumbnail(footage: Footage, camera: str, frame: int) -> np.ndarray | None:

@@ -26,7 +26,7 @@ CALIBRATE = "none: calibrate from the footage"  # A choice of camera file beside
 
 @dataclass(frozen=True)
 class Found:
-    """What is known about the footage."""
+    """The footage of a new take, as far as it is known."""
 
     words: str
     # frames per second that the files or the settings give; None if neither does, so that it may be typed
@@ -54,7 +54,7 @@ class NewTake:
     uses: Mapping[str, str] | None = None  # what each camera is used for; None: as the settings say
 
     def unchosen(self) -> dict[str, str]:
-        """Of what is chosen in lists, the words for "", by attribute."""
+        """Words that lists show for "", nothing chosen, by attribute."""
         given = "as in the settings" if self.settings.strip() else ""
         own = dict.fromkeys(("images", "rig", "masks", "plates"), "found automatically")
         return {**own, "audio": given or "none", "preset": given or preset_here()}
@@ -62,16 +62,16 @@ class NewTake:
     def config(self) -> Config:
         """The initial settings of the take; StudioError: `take.no_footage`, `take.bad_rate`, `take.bad_frames`,
         `footage.no_folder`, no camera is left to train on, or settings that cannot be read."""
-        values: dict[str, Any] = {}
+        settings: dict[str, Any] = {}
         rate, span = self._rate(), self.span()
         if rate is not None:
-            values["capture.fps"] = rate
+            settings["capture.fps"] = rate
         if span is not None:
-            values["capture.frames"] = f"{span[0]}:{span[1] + 1}"
+            settings["capture.frames"] = f"{span[0]}:{span[1] + 1}"
         config = self._chosen()
         if self.uses is not None:
-            values |= settings_of_uses(self.uses, config.capture)
-        return with_values(config, values) if values else config
+            settings |= settings_of_uses(self.uses, config.capture)
+        return with_values(config, settings) if settings else config
 
     def span(self) -> tuple[int, int] | None:
         """First and last frame, as typed; None for those of the settings. Raises StudioError (`take.bad_frames`)."""
@@ -117,19 +117,19 @@ class NewTake:
         return for_another_take(load_config(path, [*overrides, *PRESETS.get(preset, {}).items()]), path)
 
     def found(self, progress: ProgressFn | None = None) -> Found:
-        """What is known about the footage, or why it cannot be read; `progress` as for `inspect`."""
+        """Look at the footage: what it has, or why it cannot be read; `progress` as for `inspect`."""
         try:
             config = replace(self, uses=None, frames="").config()  # what there is to choose from
-            found = inspect(config.capture, progress)
+            inspection = inspect(config.capture, progress)
             uses = camera_uses(config.capture)
         except StudioError as error:
             images = tuple(error.value) if error.code == "footage.ambiguous_layout" else ()
             return Found(str(error), images=images)
-        problems = found.problems
+        problems = inspection.problems
         more = f"{counted(len(problems), 'problem')}: {problems[0]}\n" if problems else ""
-        given = (None if self.fps.strip() else config.capture.fps) or found.filmed_fps  # as `open_footage`
-        uses |= {name: "not used" for name in found.cameras if name not in found.used}
-        return Found(more + "\n".join(found.lines), given, found, uses=uses)
+        given = (None if self.fps.strip() else config.capture.fps) or inspection.filmed_fps  # as `open_footage`
+        uses |= {name: "not used" for name in inspection.cameras if name not in inspection.used}
+        return Found(more + "\n".join(inspection.lines), given, inspection, uses=uses)
 
     def proposed_take(self) -> str:
         """Path of a new folder next to the footage, or in the home folder if none can be made there; in the working

@@ -85,7 +85,7 @@ def _exported(file: Path | None) -> list[str]:
     stub = file.with_suffix(".pyi")
     if stub.is_file():
         imports = ast.walk(ast.parse(stub.read_text(encoding="utf-8")))
-        return sorted(one.name for node in imports if isinstance(node, ast.ImportFrom) for one in node.names)
+        return sorted(alias.name for node in imports if isinstance(node, ast.ImportFrom) for alias in node.names)
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return [str(name) for name in ast.literal_eval(node.value)]

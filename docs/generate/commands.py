@@ -57,8 +57,8 @@ def _command(name: str, parser: argparse.ArgumentParser, summary: str, level: in
         if isinstance(action, argparse._SubParsersAction):
             nested += [
                 part
-                for kind, one in action.choices.items()
-                for part in _command(f"{name} {kind}", one, one.description or "", level + 1)
+                for kind, child in action.choices.items()
+                for part in _command(f"{name} {kind}", child, child.description or "", level + 1)
             ]
             continue
         said = formatter._expand_help(action) if action.help else ""

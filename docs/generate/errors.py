@@ -22,7 +22,7 @@ This page is generated from the source and lists every place that raises a code.
 _CODE = re.compile(r"[a-z][a-z0-9_]*(\.[a-z0-9_]+)+")
 
 MAKERS = ("Error", "Message", "Warned", "warn")
-"""Ends of the names of what takes a code and a problem: error classes, `Message`, and what reports a warning."""
+"""Ends of the names of classes and functions that take a code and a problem: errors, `Message`, warnings."""
 
 
 @dataclass(frozen=True)
@@ -36,23 +36,23 @@ class Site:
 
 def errors_page(root: Path, packages: tuple[str, ...]) -> str:
     """Markdown of all codes that the packages under `root` name, by area."""
-    found: dict[str, list[Site]] = defaultdict(list)
+    sites: dict[str, list[Site]] = defaultdict(list)
     files = [file for package in packages for file in sorted((root / package).rglob("*.py"))]
     modules = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
     constants = [_constants(module) for module in modules]
-    uses = Counter(name for one in constants for name in one)
-    unique = {name: value for one in constants for name, value in one.items() if uses[name] == 1}
+    uses = Counter(name for values in constants for name in values)
+    unique = {name: value for values in constants for name, value in values.items() if uses[name] == 1}
     for module, own in zip(modules, constants, strict=True):
         for site in _sites(module, {**unique, **own}):
-            found[site.code].append(site)
+            sites[site.code].append(site)
     areas: dict[str, list[str]] = defaultdict(list)
-    for name in sorted(found):
+    for name in sorted(sites):
         areas[name.split(".")[0]].append(name)
-    lines = [INTRODUCTION, f"{len(found)} codes in {len(areas)} areas.", ""]
+    lines = [INTRODUCTION, f"{len(sites)} codes in {len(areas)} areas.", ""]
     for area, names in areas.items():
         lines += [f"## {area} {{ #{area} }}", ""]
         rows = [
-            (f'<a id="{name}"></a>{code(name)}', "<br>".join(dict.fromkeys(_words(site) for site in found[name])))
+            (f'<a id="{name}"></a>{code(name)}', "<br>".join(dict.fromkeys(_words(site) for site in sites[name])))
             for name in names
         ]
         lines += [*table(("Code", "Message and fix"), *rows), ""]
@@ -71,7 +71,8 @@ def sites(source: str) -> Iterator[Site]:
 
 
 def _sites(module: ast.Module, known: Mapping[str, ast.expr]) -> Iterator[Site]:
-    """The same, with the values of constants, and of `problem` and `fix` where they are set just before."""
+    """The messages that a module makes, with the values of constants, and of `problem` and `fix` if they are set just
+    before."""
     named = {id(part): words for statement, words in _named(module) for part in ast.walk(statement)}
     for node in ast.walk(module):
         if not isinstance(node, ast.Call) or not node.args:
@@ -92,7 +93,7 @@ def _named(module: ast.Module) -> Iterator[tuple[ast.stmt, dict[str, ast.expr]]]
     for node in ast.walk(module):
         for name in ("body", "orelse", "finalbody"):
             words: dict[str, ast.expr] = {}
-            for statement in found if isinstance(found := getattr(node, name, None), list) else ():
+            for statement in statements if isinstance(statements := getattr(node, name, None), list) else ():
                 if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) in ("problem", "fix"):
                     words[ast.unparse(statement.targets[0])] = statement.value
                 elif not hasattr(statement, "body"):
@@ -127,7 +128,7 @@ def _text(node: ast.expr, known: Mapping[str, ast.expr]) -> str:
     if isinstance(node, ast.Call) and ast.unparse(node.func) in ("len", "sum"):
         return "*n*"
     inner = node.args if isinstance(node, ast.Call) else [node]  # arguments say more than a function's name
-    names = [name for one in (*inner, node) for part in ast.walk(one) if (name := _name(part))]
+    names = [name for scope in (*inner, node) for part in ast.walk(scope) if (name := _name(part))]
     return f"*{escaped(names[0].strip('_').replace('_', ' '))}*" if names else "*...*"
 
 

@@ -63,4 +63,4 @@ def _comments(cls: type) -> Iterator[tuple[str, str]]:
 
 def _json(kind: str) -> list[str]:
     """JSON's names of the types in an annotation, without those of items."""
-    return [_JSON[re.match(r"\w+", one)[0]] for one in kind.split(" | ")]
+    return [_JSON[re.match(r"\w+", part)[0]] for part in kind.split(" | ")]

@@ -22,7 +22,7 @@ def unknown_names(markdown: str, root: Path, settings: Set[str]) -> Iterator[str
         if _FILE.fullmatch(span):
             if not (root / span).exists():
                 yield f"{span}: no such file"
-        elif (found := re.fullmatch(r"([a-z_]+)((?:\.[a-z_0-9]+)+)(?::.*)?", span)) and found[1] in sections:
-            name = found[1] + found[2]
+        elif (setting := re.fullmatch(r"([a-z_]+)((?:\.[a-z_0-9]+)+)(?::.*)?", span)) and setting[1] in sections:
+            name = setting[1] + setting[2]
             if name not in settings:
                 yield f"{name}: no such setting"

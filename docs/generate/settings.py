@@ -53,7 +53,7 @@ def section(prefix: str, model: Settings) -> Iterator[str]:
             nested.append((dotted, value))
             rows.append((anchor, "", f"{_words(field)} [Its settings](#{slug})."))
         else:
-            names = ", ".join(escaped(one.replace("_", " ")) for one in affected(Config)[dotted])
+            names = ", ".join(escaped(result.replace("_", " ")) for result in affected(Config)[dotted])
             stale = f"<br>Affects: {names}." if names else ""
             rows.append((anchor, code(inline_yaml(values_of(Config())[dotted])), _words(field) + stale))
     yield from _table(rows)

@@ -45,15 +45,15 @@ def _list(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.takes.results.kept_bakes import kept_bakes
     from v3studio.pipelines.takes.take import Take
 
-    found = kept_bakes(Take.open(arguments.take))
-    arguments.result = {"bakes": [kept.to_json() for kept in found]}
+    bakes = kept_bakes(Take.open(arguments.take))
+    arguments.result = {"bakes": [kept.to_json() for kept in bakes]}
     if arguments.json:
         return
-    if not found:
+    if not bakes:
         say("No bakes are kept. `v3studio bake keep TAKE NAME` keeps the stream.")
         return
     shown = table_of("name", "quality", "MB", "KB/frame", "PSNR", "baked", "", left=(0, 1, 5, 6))
-    for kept in found:
+    for kept in bakes:
         notes = {
             "stream": kept.is_stream, "older training": not kept.current, "other edits": not kept.same_edits,
             f"other {', '.join(kept.other_settings)}": kept.other_settings != (),

@@ -81,12 +81,12 @@ def _board(arguments: argparse.Namespace) -> None:
     width, height = write_target_pdf(target, arguments.file, paper=arguments.paper)
     names = ["kind", "columns", "rows", "square"]
     names += ["marker", "dictionary"] if target.kind == "charuco" else []
-    values = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
-    arguments.result = {"path": str(arguments.file.absolute()), "width": width, "height": height, **values}
+    settings = {"calibrate": {"board": {name: getattr(target, name) for name in names}}}
+    arguments.result = {"path": str(arguments.file.absolute()), "width": width, "height": height, **settings}
     print_text(
         arguments,
         f"{arguments.file}: {width:g} x {height:g} mm. Print at 100%, measure a square, and use these settings with "
-        f"the measured size:\n{dump_yaml(values).rstrip()}",
+        f"the measured size:\n{dump_yaml(settings).rstrip()}",
     )
 
 
@@ -136,5 +136,5 @@ def _colors(arguments: argparse.Namespace) -> None:
             print_text(arguments, f"{name}: found, {before:.1f} levels of 255 from the mean camera, {after:.1f} after")
         else:
             print_text(arguments, f"{name}: {without[name]}; not corrected")
-    found = f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches"
-    print_text(arguments, f"{found}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")
+    corrected = f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches"
+    print_text(arguments, f"{corrected}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")

@@ -70,11 +70,11 @@ def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
 
     with working("check", arguments) as report, closing(footage):
         problems = [str(problem) for problem in check_footage(footage, report)]
-        found = list(found_lines(footage))
-    arguments.result = {"footage": found, "problems": problems}
+        lines = list(found_lines(footage))
+    arguments.result = {"footage": lines, "problems": problems}
     if not arguments.json:
         images = counted(len(footage.frames) * len(footage.camera_names), "image")
-        say("\n".join([*found, *problems, f"{images} checked, {len(problems) or 'no'} problems"]))
+        say("\n".join([*lines, *problems, f"{images} checked, {len(problems) or 'no'} problems"]))
     return 1 if problems else 0
 
 
@@ -86,8 +86,8 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
     # what is deleted must not have been made again since it was checked
     with take.locked("v3studio check --remove") if arguments.remove else nullcontext():
         with working("check", arguments) as report:
-            found = check_take(take, STAGE_NAMES, report)
-        for damage in found.damage if arguments.remove else ():
+            checked = check_take(take, STAGE_NAMES, report)
+        for damage in checked.damage if arguments.remove else ():
             path = take.root / damage.file
             if not damage.stage:  # no run makes it again
                 continue
@@ -95,20 +95,20 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
             if damage.file and path.is_file() and path.resolve().is_relative_to(take.root.resolve()):
                 path.unlink()
             take.forget(damage.stage)
-    arguments.result = found.model_dump(mode="json")
+    arguments.result = checked.model_dump(mode="json")
     if arguments.json:
-        return 1 if found.damage else 0
-    for damage in found.damage:
+        return 1 if checked.damage else 0
+    for damage in checked.damage:
         detail = f" ({damage.detail})" if damage.detail else ""
         say(f"{damage.problem}: {damage.file or f'results of the stage {damage.stage}'}{detail}")
-    say(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
-    if found.unchecked:
-        say(f"not finished, so only partly checked: {', '.join(found.unchecked)}")
+    say(f"{counted(checked.files, 'file')} checked ({checked.bytes:,} bytes), {len(checked.damage) or 'none'} damaged")
+    if checked.unchecked:
+        say(f"not finished, so only partly checked: {', '.join(checked.unchecked)}")
     name = shlex.quote(str(folder))
-    unmade = [damage.file for damage in found.damage if not damage.stage]
+    unmade = [damage.file for damage in checked.damage if not damage.stage]
     lost = sorted({file.split("/")[1] for file in unmade if file.startswith("bakes/")})
     if lost:
-        names = " ".join(shlex.quote(str(take.bakes / one)) for one in lost)
+        names = " ".join(shlex.quote(str(take.bakes / bake)) for bake in lost)
         say(f"Damaged kept bakes are not made again by a run. To remove them: rm -r {names}")
     if own := [file for file in unmade if not file.startswith("bakes/")]:
         say(
@@ -116,10 +116,10 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
         )
     for line in dict.fromkeys(_assumed(take)):
         say(line)
-    if any(damage.stage for damage in found.damage):
+    if any(damage.stage for damage in checked.damage):
         first = "" if arguments.remove else f"v3studio check {name} --remove && "
         say(f"To make them again: {first}v3studio run {name}")
-    return 1 if found.damage else 0
+    return 1 if checked.damage else 0
 
 
 def _assumed(take: Take) -> list[str]:
@@ -149,15 +149,15 @@ def _check_stream(arguments: argparse.Namespace) -> int:
         problem = "--remove is for takes, whose files can be made again; this is a stream"
         raise invalid_option("--remove", problem, "Leave it out, or name the folder of the take.", arguments.place)
     with working("check", arguments) as report, StreamReader.open(stream_place(arguments.place)) as reader:
-        found = check_stream(reader, report)
-    arguments.result = asdict(found)
+        checked = check_stream(reader, report)
+    arguments.result = asdict(checked)
     if arguments.json:
-        return 1 if found.damage else 0
-    for damage in found.damage:
+        return 1 if checked.damage else 0
+    for damage in checked.damage:
         numbers = ", ".join(map(str, damage.groups))
         where = f" (group{'s' * (len(damage.groups) > 1)} {numbers})" if numbers else ""
         say(f"{damage.file}{where}: {damage.problem}")
-    say(f"{counted(found.files, 'file')} checked ({found.bytes:,} bytes), {len(found.damage) or 'none'} damaged")
-    if found.damage:
+    say(f"{counted(checked.files, 'file')} checked ({checked.bytes:,} bytes), {len(checked.damage) or 'none'} damaged")
+    if checked.damage:
         say("To repair it: copy the stream again, or bake it again (v3studio bake TAKE --force).")
-    return 1 if found.damage else 0
+    return 1 if checked.damage else 0

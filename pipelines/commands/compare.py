@@ -30,7 +30,9 @@ def register(commands: Any) -> None:
         "compare",
         "measure takes by one protocol and show them side by side",
         _compare,
-        epilog=_NOTE.format(protocols="\n".join(f"  {one.name:<8}{one.title}" for one in PROTOCOLS.values())),
+        epilog=_NOTE.format(
+            protocols="\n".join(f"  {protocol.name:<8}{protocol.title}" for protocol in PROTOCOLS.values())
+        ),
     )
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="folders of takes with a stream")
     parser.add_argument("--protocol", choices=list(PROTOCOLS), default="box", help="see below (default: %(default)s)")

@@ -21,10 +21,10 @@ def register(commands: Any, parser: CommandParser) -> None:
         commands.help = None  # shtab leaves out what help does
         # shells complete single words
         commands._choices_actions[:] = [action for action in commands._choices_actions if " " not in action.dest]
-        for name, one in list(commands.choices.items()):
+        for name, command_parser in list(commands.choices.items()):
             if " " in name:
                 del commands.choices[name]
-            for action in one._actions:
+            for action in command_parser._actions:
                 if action.choices is None and action.nargs != 0 and action.type not in _WITHOUT_FILES:
                     action.complete = shtab.FILE
         arguments.result = {"script": shtab.complete(parser, shell=arguments.shell)}

@@ -7,7 +7,7 @@ from v3studio.pipelines.commands.common.arguments import add_command, add_settin
 from v3studio.pipelines.commands.common.source import source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
-"""Of `Config`, which takes long to import."""
+"""The sections of `Config`, which takes long to import."""
 
 
 def register(commands: Any) -> None:
@@ -44,10 +44,10 @@ def _config(arguments: argparse.Namespace) -> None:
         if sources
         else load_config(None, arguments.overrides)
     )
-    usual, values = values_of(Config()), values_of(config)
+    usual, given = values_of(Config()), values_of(config)
     names = [
         name
-        for name, value in values.items()
+        for name, value in given.items()
         if (not sections or name.split(".")[0] in sections) and (not arguments.changed or value != usual[name])
     ]
     whole = not sections and not arguments.changed

@@ -139,12 +139,12 @@ def _coordinate(text: str) -> float:
 def _list(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from v3studio.pipelines.takes.authored.edits import describe, frame_of, read_edits_file
 
-    found = read_edits_file(take.edits)
-    lines = [f"{name:<12}{words}" for name, words in describe(found.edits, frame_of(take)).items()]
-    if found.edits == type(found.edits)():
+    file = read_edits_file(take.edits)
+    lines = [f"{name:<12}{words}" for name, words in describe(file.edits, frame_of(take)).items()]
+    if file.edits == type(file.edits)():
         lines.append("no edits")
-    if found.undo:
-        lines.append(f"last change: {found.undo[-1].words}")
+    if file.undo:
+        lines.append(f"last change: {file.undo[-1].words}")
     return "\n".join(lines)
 
 
@@ -158,9 +158,9 @@ def _count(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
         raise StudioError("take.not_trained", problem, file=take.root, fix="Run `v3studio train`.", stage="train")
     lines, rows = [], []
     for group in groups:
-        found = EditedGroup(take, group, edits).selection()
-        counts = {name: count for name, count in found.counts.items() if count}
-        removed, splats = int(found.removed.sum()), len(found.removed)
+        selection = EditedGroup(take, group, edits).selection()
+        counts = {name: count for name, count in selection.counts.items() if count}
+        removed, splats = int(selection.removed.sum()), len(selection.removed)
         rows.append({"group": group.index, "splats": splats, "removed": removed, "by_edit": counts})
         kinds = ", ".join(f"{name} {count:,}" for name, count in counts.items())
         lines.append(
@@ -222,8 +222,8 @@ def _up(take: Take, edits: EditList) -> np.ndarray:
 
     if edits.world is not None and edits.world.up is not None:
         up = np.array(edits.world.up)
-        found: np.ndarray = up / np.linalg.norm(up)
-        return found
+        direction: np.ndarray = up / np.linalg.norm(up)
+        return direction
     if not take.rig.is_file():
         problem = "the take has no cameras yet, so it is not known where up is"
         fix = "Run `v3studio calibrate`, or set it with `v3studio edit world TAKE --up X Y Z`."
@@ -242,14 +242,14 @@ def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
     from v3studio.pipelines.takes.authored.edits import frame_of
 
-    values: dict[str, object] = {} if edits.world is None else edits.world.model_dump(mode="json")
+    world: dict[str, object] = {} if edits.world is None else edits.world.model_dump(mode="json")
     if arguments.up_point is not None:
-        values["up"] = arguments.up_point
+        world["up"] = arguments.up_point
     if arguments.origin_point is not None:
-        values["origin"] = frame_of(take).points(np.array(arguments.origin_point)).tolist()
+        world["origin"] = frame_of(take).points(np.array(arguments.origin_point)).tolist()
     measured = [arguments.from_point, arguments.to_point, arguments.distance]
-    if any(one is not None for one in measured):
-        if any(one is None for one in measured) or arguments.scale is not None:
+    if any(point is not None for point in measured):
+        if any(point is None for point in measured) or arguments.scale is not None:
             problem = "--from, --to and --distance are used together, and without --scale"
             raise invalid_option("--distance", problem, "Example: --from 0 0 0 --to 0 1.1 0 --distance 1.8.")
         apart = float(np.linalg.norm(np.subtract(arguments.to_point, arguments.from_point)))
@@ -257,10 +257,10 @@ def _world(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
             problem = "the two points are the same, or their distance is not above 0"
             fix = "Specify two different points and a distance above 0."
             raise invalid_option("--distance", problem, fix, arguments.distance)
-        values["scale"] = arguments.distance / apart
+        world["scale"] = arguments.distance / apart
     elif arguments.scale is not None:
-        values["scale"] = arguments.scale
-    return _change(take, edits, "world", values)
+        world["scale"] = arguments.scale
+    return _change(take, edits, "world", world)
 
 
 def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
@@ -271,7 +271,7 @@ def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
     back = placed_world(edits, frame_of(take)).inverse
     center, radius = back.points(np.array(arguments.at_point)), back.scale * arguments.radius
-    before = [one.model_dump(mode="json") for one in edits.details]
+    before = [edit.model_dump(mode="json") for edit in edits.details]
     numbers = {"radius": radius, "weight": arguments.weight, "path": [(0, center.tolist())]}
     _checked(edits, "details", [*before, numbers])
     mark = followed(take, arguments.frame, center, radius, arguments.weight)
@@ -313,7 +313,7 @@ def _change(take: Take, before: EditList, name: str, value: object) -> str:
 
     after = _checked(before, name, value)
     words = list(describe(after, frame_of(take)).items())
-    shown = [f"{one}: {text}" for one, text in words if one.split()[0] == name][-1:]
+    shown = [f"{edit}: {text}" for edit, text in words if edit.split()[0] == name][-1:]
     change_edits(take.edits, after, (shown or [name])[0], before)
     return "".join(shown)
 

@@ -52,19 +52,19 @@ def _estimate(arguments: argparse.Namespace) -> None:
     with ExitStack() as stack:
         inputs = _inputs(arguments, stack)
         now = os.getloadavg()[0]  # programs that wanted a core in the last minute, this one included
-        found = _rehearsed(inputs, "rehearsal", arguments)
+        estimate = _rehearsed(inputs, "rehearsal", arguments)
         if arguments.presets:
-            for name, values in PRESETS.items():
-                preset = Inputs(inputs.take, with_values(inputs.config, values))
-                presets[name] = _rehearsed(preset, f"rehearsal of the preset {name}", arguments)
-    more = {"presets": {name: one.to_json() for name, one in presets.items()}} if presets else {}
-    arguments.result = {**found.to_json(), "load": now, **more}
+            for name, settings in PRESETS.items():
+                others = Inputs(inputs.take, with_values(inputs.config, settings))
+                presets[name] = _rehearsed(others, f"rehearsal of the preset {name}", arguments)
+    more = {"presets": {name: preset.to_json() for name, preset in presets.items()}} if presets else {}
+    arguments.result = {**estimate.to_json(), "load": now, **more}
     if not arguments.json:
-        _print(found, inputs.threads, now)
-        for name, one in presets.items():
-            stream = next((stage.bytes for stage in one.stages if stage.stage == "bake"), None)
+        _print(estimate, inputs.threads, now)
+        for name, preset in presets.items():
+            stream = next((stage.bytes for stage in preset.stages if stage.stage == "bake"), None)
             words = "" if stream is None else f", a stream of about {size_words(stream)}"
-            console().print(f"preset {name}: about {duration(one.seconds)}{words}")
+            console().print(f"preset {name}: about {duration(preset.seconds)}{words}")
 
 
 def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Estimate:
@@ -103,12 +103,12 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
     return inputs
 
 
-def _print(found: Estimate, threads: int, now: float) -> None:
+def _print(estimate: Estimate, threads: int, now: float) -> None:
     from v3studio.pipelines.estimate.estimate import STREAM_SPREAD
     from v3studio.pipelines.reports.terminal import console, duration, table_of
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
-    for stage in found.stages:
+    for stage in estimate.stages:
         disk = "" if stage.bytes is None else size_words(stage.bytes)
         if stage.stage == "bake" and stage.bytes is not None:
             disk = f"{size_words(stage.bytes / STREAM_SPREAD)} to {size_words(stage.bytes * STREAM_SPREAD)}"
@@ -120,10 +120,10 @@ def _print(found: Estimate, threads: int, now: float) -> None:
             stage.remark,
         )
     screen.print(table)
-    low, high = found.range
+    low, high = estimate.range
     screen.print(
-        f"About {duration(found.seconds)}, most likely {duration(low)} to {duration(high)}; "
-        f"{counted(found.splats, 'splat')} per frame; up to {size_words(found.memory)} of memory"
+        f"About {duration(estimate.seconds)}, most likely {duration(low)} to {duration(high)}; "
+        f"{counted(estimate.splats, 'splat')} per frame; up to {size_words(estimate.memory)} of memory"
     )
     if now > 0.5 * threads:
         screen.print(

@@ -42,16 +42,16 @@ def _init(arguments: argparse.Namespace) -> None:
         raise StudioError("command.not_footage", problem, file=source, fix="Specify the folder of the footage.")
     config = read_settings(source, arguments.overrides, arguments.preset)
     out = arguments.out or Path(f"{source.absolute().name}.yaml")
-    found = inspect(config.capture).lines
+    sentences = inspect(config.capture).lines
     usual = values_of(Config())
     names = {name for name, value in values_of(config).items() if value != usual[name]} | set(_SHOWN)
     lines = ["# Written by `v3studio init`. Settings that are not here have their defaults: `v3studio config`.", "#"]
-    text = "\n".join([*lines, *(f"# {line}" for line in found), "", describe(config, names)])
+    text = "\n".join([*lines, *(f"# {sentence}" for sentence in sentences), "", describe(config, names)])
     with replacing(out, arguments.overwrite, _is_settings), disk_errors(out.absolute().parent):
         write_text(out, text)
-    arguments.result = {"path": str(out.absolute()), "footage": list(found)}
+    arguments.result = {"path": str(out.absolute()), "footage": list(sentences)}
     words = f"{out}: written. To run it: v3studio run {shlex.quote(str(out))} --take takes/first"
-    print_text(arguments, "\n".join([*found, words]))
+    print_text(arguments, "\n".join([*sentences, words]))
 
 
 def _is_settings(path: Path) -> bool:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _MOST_PIXELS = 1 << 26
-"""Of the image of --render, whose size the stream says: 8192x8192. Rendering it takes some 20 bytes for each."""
+"""Most pixels of an image of --render, whose size the stream says: 8192x8192. Each takes some 20 bytes of memory."""
 
 
 def register(commands: Any) -> None:
@@ -57,8 +57,8 @@ def _play(arguments: argparse.Namespace) -> int:
             on_frame=_renderer(reader.manifest, arguments.stream) if arguments.render else None,
         )
     warnings = [group.sentence(numbers.number) for group in report.skipped]
-    frames = tuple(replace(one, frame=numbers.number(one.frame)) for one in report.frames)
-    skipped = tuple(replace(one, first_frame=numbers.number(one.first_frame)) for one in report.skipped)
+    frames = tuple(replace(row, frame=numbers.number(row.frame)) for row in report.frames)
+    skipped = tuple(replace(group, first_frame=numbers.number(group.first_frame)) for group in report.skipped)
     report = replace(report, frames=frames, skipped=skipped)
     arguments.result = report.to_dict()
     if not arguments.json:

@@ -78,16 +78,16 @@ def _list(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.takes.take import Take
 
     queue = _file(arguments)
-    found = queue.read()
-    arguments.result = found.model_dump(mode="json")
+    queued = queue.read()
+    arguments.result = queued.model_dump(mode="json")
     if arguments.json:
         return
-    if not found.takes:
+    if not queued.takes:
         say("The queue is empty.")
         return
     shown = table_of("number", "state", "progress", "take", "added", "ended", "message", left=(1, 2, 3, 4, 5, 6))
     is_run = queue.is_run()
-    for entry in found.takes:
+    for entry in queued.takes:
         state = "interrupted" if entry.state == "running" and not is_run else entry.state
         times = (text.replace("T", " ").removesuffix("+00:00") for text in (entry.added, entry.finished))
         words = progress(Take(entry.take))[0] if state == "running" else ""
@@ -95,7 +95,7 @@ def _list(arguments: argparse.Namespace) -> None:
             str(entry.number), state, escaped(words), escaped(str(entry.take)), *times, escaped(entry.message)
         )
     console().print(shown)
-    if not is_run and any(entry.state in ("waiting", "running") for entry in found.takes):
+    if not is_run and any(entry.state in ("waiting", "running") for entry in queued.takes):
         say("The queue is not running; `v3studio queue run` starts it.")
 
 

@@ -100,13 +100,13 @@ def _run(arguments: argparse.Namespace) -> None:
     if fresh and source is None and all(name != "capture.root" for name, _ in arguments.overrides):
         Take.open(folder)  # says what is missing
     # validate settings and footage before creating the folder
-    values = arguments.overrides
+    overrides = arguments.overrides
     if arguments.ladder is not None:
         from v3studio.studio.stream.settings import DEFAULT_LADDER
 
         rungs = [{**rung.model_dump(mode="json"), **arguments.ladder} for rung in DEFAULT_LADDER]
-        values = [("bake.ladder", rungs), *values]
-    config = read_settings(source, values, arguments.preset, folder)
+        overrides = [("bake.ladder", rungs), *overrides]
+    config = read_settings(source, overrides, arguments.preset, folder)
     if fresh:
         open_footage(config.capture, None, strict=False).close()
     with disk_errors(folder):

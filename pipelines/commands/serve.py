@@ -127,7 +127,7 @@ def _serve(arguments: argparse.Namespace) -> int:
 
 
 def _bound_logs(server: uvicorn.Server) -> None:
-    """Of a flood of messages, print only some; none of connections that Ctrl-C closed."""
+    """Let a flood of messages print only some of them, and connections that Ctrl-C closed none."""
     from v3studio.pipelines.share.server import BoundedLog
 
     bounded = BoundedLog()
@@ -157,7 +157,7 @@ def _keep_waiting(seconds: float) -> bool:
 
 
 def _print(serving: Serving, player: bool) -> None:
-    """Addresses, and what phones need; in a terminal a QR code too."""
+    """Print the addresses, and what phones need; in a terminal, a QR code too."""
     certificate = serving.certificate
     lines = [f"Serving {folder} at {address}" for address, folder in serving.streams.items()]
     browser = "open the address in a browser, or run " if player else ""
@@ -191,7 +191,7 @@ def _print(serving: Serving, player: bool) -> None:
 
 
 def _event(serving: Serving) -> ServingEvent:
-    """For programs: the first address of each stream, and all bases."""
+    """The event that tells programs the first address of each stream, and all bases."""
     return ServingEvent(
         streams=tuple({"folder": str(folder), "address": address} for address, folder in serving.streams.items()),
         reviews=tuple({"folder": str(folder), "address": address} for address, folder in serving.reviews.items()),

@@ -64,7 +64,7 @@ def _add_page_options(share: argparse.ArgumentParser) -> None:
 
 
 def add_first_options(command: argparse.ArgumentParser) -> None:
-    """With what a page begins, for `share`, `publish` and `serve`; `page_text` reads it."""
+    """Add the options of `share`, `publish` and `serve` for what a page begins with; `page_text` reads them."""
     command.add_argument("--title", metavar="TEXT", help="title of the page (default: the stream's, else its name)")
     command.add_argument(
         "--intro",
@@ -82,7 +82,7 @@ def add_first_options(command: argparse.ArgumentParser) -> None:
 
 
 def page_text(arguments: argparse.Namespace) -> PageText:
-    """What the options say of the page; not all commands have all of them."""
+    """The text of a page from the options, of which not all commands have all."""
     from v3studio.pipelines.share.page import PageText, read_intro, read_view
 
     given = {name: getattr(arguments, name, None) for name in ("title", "credits", "license", "address", "description")}

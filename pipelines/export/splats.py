@@ -168,7 +168,7 @@ class Usd(_SplatWriter):
 
 
 def _dilation_note(dilations: set[float]) -> str:
-    """What to report of frames with these dilations that other programs draw; "" if they draw them as trained."""
+    """The note on frames that other programs draw with another dilation than these; "" if they draw them as trained."""
     others = sorted(dilations - {DILATION})
     if not others:
         return ""

@@ -63,9 +63,9 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
                 raise HTTPException(_STATUS.get(error.code, 500)) from None
 
     async def data(request: Request) -> Response:
-        found = await computed(review.data)
+        figures = await computed(review.data)
         headers = {**_PRIVATE, "Cache-Control": "no-cache"}
-        return Response(found.model_dump_json(), headers=headers, media_type="application/json")
+        return Response(figures.model_dump_json(), headers=headers, media_type="application/json")
 
     async def picture(request: Request) -> Response:
         camera, frame = request.path_params["camera"], request.path_params["frame"]
@@ -79,15 +79,15 @@ def review_routes(review: TakeReview) -> list[BaseRoute]:
         try:
             if request.method == "POST":
                 return answer(MarkList(marks=await run_in_threadpool(review.change, await _change(request))))
-            found = answer(MarkList(marks=await run_in_threadpool(review.marks)))
+            current = answer(MarkList(marks=await run_in_threadpool(review.marks)))
         except StudioError as error:
             status = _STATUS.get(error.code, 500)
             if status == 500:
                 say(f"warning: {error}", error=True)
             return answer(await run_in_threadpool(_refused, review, error), status)
-        if request.headers.get("if-none-match") == found.headers["etag"]:
-            return Response(status_code=304, headers={**_PRIVATE, "ETag": found.headers["etag"]})
-        return found
+        if request.headers.get("if-none-match") == current.headers["etag"]:
+            return Response(status_code=304, headers={**_PRIVATE, "ETag": current.headers["etag"]})
+        return current
 
     return [
         Route("/data.json", data, methods=["GET"]),

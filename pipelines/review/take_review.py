@@ -100,9 +100,9 @@ class TakeReview:
         back = self.place.world.inverse
         new, old = (
             None
-            if one is None
-            else Mark(frame=frame, note=one.note, author=one.author, view=_seen_from(one.view, back))
-            for one in (change.mark, change.replaces)
+            if content is None
+            else Mark(frame=frame, note=content.note, author=content.author, view=_seen_from(content.view, back))
+            for content in (change.mark, change.replaces)
         )
         return self._in_stream(change_mark(self.take.marks, frame, new, old))
 
@@ -153,8 +153,10 @@ class TakeReview:
         rows = [measured.get(index) for index in range(self.frame_count)]
 
         def curve(measure: str, camera: str = "") -> tuple[float | None, ...]:
-            found = [row.cameras.get(camera) if row is not None and camera else row for row in rows]
-            return tuple(None if one is None else one.measures.get(measure) for one in found)
+            measurements = [row.cameras.get(camera) if row is not None and camera else row for row in rows]
+            return tuple(
+                None if measurement is None else measurement.measures.get(measure) for measurement in measurements
+            )
 
         return QualityCurves(
             metrics=tuple(

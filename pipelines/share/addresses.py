@@ -21,16 +21,16 @@ def reachable_hosts(host: str) -> list[str]:
         return [_bracketed(host)]
     family = socket.AF_INET6 if host == "::" else socket.AF_INET
     up = {name for name, stats in psutil.net_if_stats().items() if stats.isup}
-    found = []
+    usable: list[str] = []
     for name, addresses in psutil.net_if_addrs().items():
         for address in addresses:
             if name in up and address.family == family:
                 plain = ipaddress.ip_address(address.address.partition("%")[0])
                 if not (plain.is_loopback or plain.is_link_local):
-                    found.append(str(plain))
+                    usable.append(str(plain))
     first = route_address(family)
-    found.sort(key=lambda address: address != first)  # stable: the others stay in order
-    return [_bracketed(address) for address in found] or [socket.gethostname()]
+    usable.sort(key=lambda address: address != first)  # stable: the others stay in order
+    return [_bracketed(address) for address in usable] or [socket.gethostname()]
 
 
 def is_local(host: str) -> bool:

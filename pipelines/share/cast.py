@@ -50,7 +50,7 @@ class Item(_Part):
     model: str | None = None  # A .glb file
 
     position: Triple = (0.0, 0.0, 0.0)
-    """Of the origin, in meters; y is up, and the ground is at 0. A stream's lowest point is put on its position."""
+    """Where the origin is put, in meters; y is up, and the ground is at 0. A stream's lowest point is put there."""
 
     turn: Triple = (0.0, 0.0, 0.0)  # degrees about x, y and z
     scale: float = Field(default=1.0, gt=0, le=1e6)
@@ -60,7 +60,7 @@ class Item(_Part):
 
     @model_validator(mode="after")
     def _is_one(self) -> Item:
-        if sum(one is not None for one in (self.stream, self.splats, self.model)) != 1:
+        if sum(source is not None for source in (self.stream, self.splats, self.model)) != 1:
             raise ValueError("must have exactly one of stream, splats and model")
         for value, endings in ((self.splats, SPLATS), (self.model, MODELS)):
             if value is not None and not value.lower().endswith(endings):
@@ -145,16 +145,16 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
                         placed[named] = f"{len(placed)}/{MANIFEST_NAME}"
                     else:
                         placed[named] = _add_file(named, source, folder, len(placed))
-        values = cast.model_dump(mode="json", exclude_none=True)
-        for item_values in values["items"]:
+        document = cast.model_dump(mode="json", exclude_none=True)
+        for item_values in document["items"]:
             for kind in ("stream", "splats", "model"):
                 if kind in item_values:
                     item_values[kind] = placed[item_values[kind]]
-        values.setdefault("ground", None)
+        document.setdefault("ground", None)
         name = hashed_name(SCRIPT_NAME, script)
         folder.write(name, script)
         folder.write(LICENSES_NAME, licenses)
-        folder.write(CAST_NAME, json.dumps(values, indent=1).encode())
+        folder.write(CAST_NAME, json.dumps(document, indent=1).encode())
         filled = page.replace("<title>V3 Studio</title>", f"<title>{escape(title)}</title>").replace(SCRIPT_NAME, name)
         filled = filled.replace("<footer></footer>", f"<footer>{escape(_credits(text, streams))}</footer>")
         folder.write(PAGE_NAME, filled.encode())
@@ -180,7 +180,7 @@ def beside(named: str, source: Path) -> str:
 
 def _credits(text: PageText, streams: Sequence[PageText]) -> str:
     """Credits and license in one line: those given, or else each of the streams' once."""
-    lines = [[one.credits or "", one.license or ""] for one in streams]
+    lines = [[stream.credits or "", stream.license or ""] for stream in streams]
     given = [[text.credits or "", text.license or ""]] if text.credits or text.license else lines
     return "; ".join(dict.fromkeys(", ".join(part for part in line if part) for line in given if any(line)))
 

@@ -78,9 +78,9 @@ class CastSound:
 
 
 class CastFrames:
-    """See the module; `models`: GLB files, and where they are. Frames come at the highest rate of the streams, until
-    the last of them has ended; those that have ended before start over, as on the page. All splats are rendered with
-    the dilation of the first stream, as there."""
+    """A cast as frames of splats, with its sound. Frames come at the highest rate of the streams, until the last has
+    ended; streams that have ended before start over, and all splats have the dilation of the first stream, as on the
+    page. `models`: GLB files, and where they are."""
 
     name = "decoded"
     first = 0
@@ -104,8 +104,8 @@ class CastFrames:
         if not self._streams and not self._still:
             fix = "Add a stream or static splats."
             raise StudioError("share.no_splats", "the window shows casts with splats only", file=source, fix=fix)
-        self.fps = max((float(one.reader.fps) for one in self._streams), default=FALLBACK_FPS)
-        ends = [one.start + one.reader.frame_count / one.reader.fps for one in self._streams]
+        self.fps = max((float(stream.reader.fps) for stream in self._streams), default=FALLBACK_FPS)
+        ends = [stream.start + stream.reader.frame_count / stream.reader.fps for stream in self._streams]
         self.frame_count = max(1, round(min(max(ends, default=0.0), LONGEST) * self.fps))
 
     def gaussians(self, frame: int) -> Gaussians:
@@ -121,12 +121,12 @@ class CastFrames:
         if self._held is not None and self._held[0] == frame:
             return self._held
         parts, shadows = [], []
-        for one in self._streams:
-            seconds = max(frame / self.fps - one.start, 0.0)
-            own = one.reader.gaussians(int(seconds * one.reader.fps + 1e-6) % one.reader.frame_count)
-            parts.append(placed(own, one.place.after(one.standing)))
+        for stream in self._streams:
+            seconds = max(frame / self.fps - stream.start, 0.0)
+            own = stream.reader.gaussians(int(seconds * stream.reader.fps + 1e-6) % stream.reader.frame_count)
+            parts.append(placed(own, stream.place.after(stream.standing)))
             if self._plane is not None and self._plane.shadow > 0:
-                shadows.append(Shadow.of(parts[-1], _bounds(one), one.place, self._plane.shadow))
+                shadows.append(Shadow.of(parts[-1], _bounds(stream), stream.place, self._plane.shadow))
         parts += self._still
         degree = max(part.sh_degree for part in parts)
         dilation = parts[0].dilation
@@ -136,18 +136,18 @@ class CastFrames:
 
     @property
     def has_sound(self) -> bool:
-        return any(one.reader.manifest.audio is not None for one in self._streams)
+        return any(stream.reader.manifest.audio is not None for stream in self._streams)
 
     def sound(self) -> CastSound | None:
         """The sound of all; the caller closes it. None if there is none. Raises StudioError: `share.sample_rates`."""
         with ExitStack() as stack:
             voices: list[_Voice] = []
-            for one in self._streams:
-                found = one.reader.sound()
-                if found is not None:
-                    stack.callback(found.close)
-                    period = one.reader.frame_count / one.reader.fps
-                    voices.append(_Voice(found, *(round(time * found.sample_rate) for time in (one.start, period))))
+            for stream in self._streams:
+                sound = stream.reader.sound()
+                if sound is not None:
+                    stack.callback(sound.close)
+                    period = stream.reader.frame_count / stream.reader.fps
+                    voices.append(_Voice(sound, *(round(time * sound.sample_rate) for time in (stream.start, period))))
             if not voices:
                 return None
             rates = sorted({voice.sound.sample_rate for voice in voices})
@@ -177,7 +177,7 @@ class CastFrames:
 
 
 def standing(reader: StreamReader) -> Similarity:
-    """From the world of a stream to one with y up, whose ground is below its lowest point."""
+    """The transform from the world of a stream to one with y up, whose ground is below its lowest point."""
     up = StreamMetadata.from_json(reader.manifest.metadata).up
     turn = np.eye(3) if up is None else rotation_between(np.array(up), _UP)  # as three.js's setFromUnitVectors
     box = reader.manifest.bounding_box
@@ -189,5 +189,5 @@ def _bounds(stream: _Stream) -> np.ndarray:
     """(2, 3) the whole take's bounds, where it stands."""
     box = stream.reader.manifest.bounding_box
     corners = np.array(np.meshgrid(*zip(box.min, box.max, strict=True))).reshape(3, -1).T
-    found = stream.standing.points(corners)
-    return np.array([found.min(axis=0), found.max(axis=0)])
+    placed_corners = stream.standing.points(corners)
+    return np.array([placed_corners.min(axis=0), placed_corners.max(axis=0)])

@@ -58,8 +58,8 @@ class PageText:
     view: str | None = None
 
     def plain(self) -> PageText:
-        """The same without control and bidirectional characters (`plain_text`), and with "?" for lone surrogates, which
-        UTF-8 cannot hold: JSON escapes and file names can."""
+        """A copy whose texts are plain (`plain_text`), with "?" for lone surrogates, which UTF-8 cannot hold, but JSON
+        escapes and file names can."""
         given = {name: value for name in TEXTS if (value := getattr(self, name)) is not None}
         texts = {name: plain_text(value.encode("utf-8", "replace").decode()) for name, value in given.items()}
         return replace(self, **texts)
@@ -88,13 +88,13 @@ def player_page(
         problem = "the built player is from another version of the program"
         raise StudioError("share.unknown_player", problem, fix="Run `make web`.")
     text = text.plain()
-    values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
-    values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
-    values["view"] = text.view
+    attribute_values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
+    attribute_values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
+    attribute_values["view"] = text.view
     if text.intro is not None:
-        values["intro"] = f"#{_INTRO}"
+        attribute_values["intro"] = f"#{_INTRO}"
         script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'
-    attributes = [f'{name}="{escape(value)}"' for name, value in values.items() if value]
+    attributes = [f'{name}="{escape(value)}"' for name, value in attribute_values.items() if value]
     if not stream.startswith("#"):
         head = [_early_files(stream, first), *head]
     element = f"<v3-player {' '.join(attributes)} page autoplay loop controls></v3-player>"
@@ -138,13 +138,13 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
 def first_files(manifest: bytes) -> list[str]:
     """Paths of the files with which a player begins: the first group in the rendition of the lowest bandwidth.
 
-    None of a stream of the profile `planes`, nor of what is not a manifest: the player reports what is damaged.
+    A stream of the profile `planes` and a damaged manifest, which the player reports, have none.
     """
     try:
-        values = parse_json(manifest)
-        renditions = values["groups"][0]["renditions"]
-        rates = {one["id"]: one["bandwidth"] for one in values["renditions"]}
-        lowest = min(renditions, key=lambda one: rates[one["id"]])
+        content = parse_json(manifest)
+        renditions = content["groups"][0]["renditions"]
+        rates = {rendition["id"]: rendition["bandwidth"] for rendition in content["renditions"]}
+        lowest = min(renditions, key=lambda rendition: rates[rendition["id"]])
         paths = [lowest[name]["path"] for name in ("side", "video")]
     except (ValueError, KeyError, IndexError, TypeError, RecursionError):
         return []
@@ -195,13 +195,13 @@ def read_intro(path: Path, source: str) -> str:
 def read_view(text: str) -> str:
     """A view as in links to the player, checked: azimuth, elevation; or with the distance; or with the target too."""
     try:
-        values = [float(part) for part in text.split(",")]
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        values = []
-    if len(values) not in (2, 3, 6) or not all(map(isfinite, values)) or (len(values) > 2 and values[2] <= 0):
+        numbers = []
+    if len(numbers) not in (2, 3, 6) or not all(map(isfinite, numbers)) or (len(numbers) > 2 and numbers[2] <= 0):
         fix = "Specify azimuth and elevation in degrees: --view=30,10. A link from the player's Share has them."
         raise StudioError("share.view", f"'{text}' is not a view", value=text, fix=fix)
-    return ",".join(f"{value:g}" for value in values)
+    return ",".join(f"{value:g}" for value in numbers)
 
 
 def _early_files(stream: str, first: Sequence[str]) -> str:

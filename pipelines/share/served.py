@@ -30,7 +30,7 @@ def find_streams(folder: str) -> dict[str, Path]:
         raise StudioError("serve.not_a_folder", "is a file; only folders can be served", file=folder, fix=fix)
     if (place / MANIFEST_NAME).is_file():
         return {"/": place}
-    found = {}
+    streams = {}
     for path in sorted(place.iterdir()):
         stream = path / "stream" if (path / "take.json").is_file() else path
         if not path.name.startswith(".") and (stream / MANIFEST_NAME).is_file():
@@ -44,27 +44,27 @@ def find_streams(folder: str) -> dict[str, Path]:
                     error=True,
                 )
                 continue
-            found[f"/{path.name}"] = stream
-    if not found:
+            streams[f"/{path.name}"] = stream
+    if not streams:
         fix = "Run `v3studio bake`, or specify another folder."
         raise StudioError("serve.no_stream", f"no stream in this folder (no {MANIFEST_NAME})", file=folder, fix=fix)
-    return found
+    return streams
 
 
 def find_reviews(streams: dict[str, Path]) -> dict[str, TakeReview]:
-    """What can be reviewed of what `find_streams` found, by the same paths: streams in takes."""
-    found = {
+    """Reviews of the streams that are in takes, by the paths of `find_streams`."""
+    reviews = {
         path: TakeReview(Take.open(folder.parent))
         for path, folder in streams.items()
         if folder.name == "stream" and (folder.parent / "take.json").is_file()
     }
-    if not found:
+    if not reviews:
         problem = "only takes can be reviewed; a stream alone has neither quality figures nor footage"
         fix = "Specify the folder of a take, or leave out --review."
         raise StudioError(
             "serve.nothing_to_review", problem, file=next(iter(streams.values())), fix=fix, option="--review"
         )
-    return found
+    return reviews
 
 
 def wait_for_first_group(folder: str, stopped: Callable[[float], bool]) -> None:

@@ -36,7 +36,7 @@ _ENDS_SCRIPT = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class ShareSize:
-    """What sharing a stream would take, without the poster (some 50 to 150 KB): bytes of all its files; bytes of the
+    """Sizes of a share before it is written, without the poster (some 50 to 150 KB): bytes of all files; bytes of the
     single HTML file, which base64 makes a third larger, and whether the stream is small enough for one."""
 
     stream_bytes: int
@@ -49,7 +49,7 @@ class ShareSize:
 
 @dataclass(frozen=True)
 class Shared:
-    """What was written.
+    """A share that has been written.
 
     Attributes:
         form: a folder or a single HTML file.

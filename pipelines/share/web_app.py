@@ -48,7 +48,7 @@ _METHODS = ("GET", "HEAD")
 
 @dataclass(frozen=True)
 class Reviews:
-    """What can be reviewed, by the path of its stream. `secret`: part of the path that only reviewers know."""
+    """Takes that can be reviewed, by the paths of their streams. `secret`: part of links that only reviewers know."""
 
     secret: str
     takes: Mapping[str, TakeReview]
@@ -151,7 +151,7 @@ class _Site:
     watching: str | None
 
     def routes(self) -> list[BaseRoute]:
-        """Of the list of streams, the player, the reviews and the streams."""
+        """Routes to the list of streams, the player, the reviews and the streams."""
         reviews = {f"{path.rstrip('/')}/{FOLDER}": review for path, review in self.reviews.items()}
         return [
             Route("/", self._index),
@@ -287,8 +287,8 @@ def usable_range(header: bytes) -> bool:
     if len(parts) > _MOST_RANGES:
         return False
     for part in parts:
-        found = re.fullmatch(r"[ \t]*(?:([0-9]{1,15})-([0-9]{0,15})|-[0-9]{1,15})[ \t]*", part)
-        if found is None or (found[2] and int(found[2]) < int(found[1])):
+        bounds = re.fullmatch(r"[ \t]*(?:([0-9]{1,15})-([0-9]{0,15})|-[0-9]{1,15})[ \t]*", part)
+        if bounds is None or (bounds[2] and int(bounds[2]) < int(bounds[1])):
             return False
     return True
 

@@ -35,13 +35,13 @@ def test_error_codes_are_found_with_their_text(generator: Load) -> None:
         'raise KeyError("not.ours")\n'
         'print("footage.printed", "nothing")\n'
     )
-    found = {site.code: site for site in generator("errors").sites(source)}
-    assert set(found) == {"footage.no_frames", "stream.old", "footage.damaged", "bake.refused"}
-    assert found["bake.refused"].problem == "rendition *name*: *problem*"
-    assert found["footage.damaged"].problem == "*n* of *names* in *LIMITS*"
-    assert found["footage.damaged"].fix == "Copy it again."
-    assert found["footage.no_frames"].problem == "camera *name* has no frames"
-    assert found["footage.no_frames"].fix == "Add frames."
+    sites = {site.code: site for site in generator("errors").sites(source)}
+    assert set(sites) == {"footage.no_frames", "stream.old", "footage.damaged", "bake.refused"}
+    assert sites["bake.refused"].problem == "rendition *name*: *problem*"
+    assert sites["footage.damaged"].problem == "*n* of *names* in *LIMITS*"
+    assert sites["footage.damaged"].fix == "Copy it again."
+    assert sites["footage.no_frames"].problem == "camera *name* has no frames"
+    assert sites["footage.no_frames"].fix == "Add frames."
 
 
 def test_fields_of_events_have_a_meaning_and_a_type_of_json(generator: Load) -> None:
@@ -65,8 +65,8 @@ def test_every_setting_is_on_the_page(generator: Load) -> None:
 def test_names_that_do_not_exist_are_found(generator: Load) -> None:
     text = "`studio/cameras.py`, `studio/gone.py`, `train.gone`, `capture.masks: none`, `numpy.array`\n"
     text += "```\n`studio/x`\n```"
-    found = list(generator("names").unknown_names(text, ROOT, {"train", "capture", "capture.masks"}))
-    assert found == ["studio/gone.py: no such file", "train.gone: no such setting"]
+    unknown = list(generator("names").unknown_names(text, ROOT, {"train", "capture", "capture.masks"}))
+    assert unknown == ["studio/gone.py: no such file", "train.gone: no such setting"]
 
 
 def test_the_page_of_files_lists_every_camera_format(generator: Load) -> None:

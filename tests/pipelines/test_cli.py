@@ -2,7 +2,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -12,17 +12,17 @@ from v3studio.pipelines.cli import make_parser
 from v3studio.pipelines.events import StageFailed
 from v3studio.pipelines.stages import STAGE_NAMES
 from v3studio.pipelines.takes.files.settings_file import set_settings
-from v3studio.studio.stream import StreamReader
+from v3studio.studio.stream import Rendition, StreamReader
 
 
-def test_every_command_explains_itself(here):
+def test_every_command_explains_itself(here: Callable[..., Done]) -> None:
     text = here("--help").stdout
     for name in make_parser()[1]:
         assert f"\n    {name}" in text
         here(*name.split(), "--help").ok()
 
 
-def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
+def test_wrong_usage_is_2_and_a_failure_1(here: Callable[..., Done], tmp_path: Path) -> None:
     for arguments in (("fly",), ("config", "--bogus"), ("config", "--train.max-splats")):
         here(*arguments).fails(code=2)
     wrong = (("play", "x", "--bogus"), ("bake", "--bake.quality"), ("export", "x"), ("train", "a.yaml", "b.yaml"))
@@ -60,7 +60,15 @@ def test_wrong_usage_is_2_and_a_failure_1(here, tmp_path):
         ("play take --frames 7:9", 2, "--frames 7:9: the stream has no such frames. It has frames 0 to 4"),
     ],
 )
-def test_mistakes_get_a_sentence_and_change_nothing(here, finished, tmp_path, monkeypatch, words, code, sentence):
+def test_mistakes_get_a_sentence_and_change_nothing(
+    here: Callable[..., Done],
+    finished: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+    code: int,
+    sentence: str,
+) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("take", "capture", "ball.yaml"):
         (tmp_path / name).symlink_to(finished / name)
@@ -85,7 +93,9 @@ FOLDERS = {
 
 @pytest.mark.parametrize("folder", ["/proc/self/x", "x" * 300])
 @pytest.mark.parametrize("command", FOLDERS)
-def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(here, finished, monkeypatch, command, folder):
+def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(
+    here: Callable[..., Done], finished: Path, monkeypatch: pytest.MonkeyPatch, command: str, folder: str
+) -> None:
     monkeypatch.chdir(finished)
     done = here(*FOLDERS[command], folder)
     assert done.returncode in (1, 2)
@@ -93,7 +103,7 @@ def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(here, finished, mo
     assert done.stderr.count("\n") == 1
 
 
-def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here, project):
+def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here: Callable[..., Done], project: Path) -> None:
     (project / "capture" / "images" / "cam3" / "002.png").unlink()
     said = here("run", project / "ball.yaml", "--take", project / "take").fails("cam3").stderr
     assert (said[:7], said.count("\n")) == ("error: ", 1)
@@ -116,7 +126,7 @@ def test_verbose_says_on_standard_error_what_is_waited_for(here: Callable[..., D
     assert here("initialize", project / "take", "--force").ok().stderr == ""
 
 
-def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
+def test_status_of_a_new_and_of_a_finished_take(here: Callable[..., Done], project: Path, finished: Path) -> None:
     here("calibrate", project / "ball.yaml", "--take", project / "take").ok()
     states = here("status", project / "take", "--json").result["stages"]
     assert [state["state"] for state in states.values()] == ["done"] + ["missing"] * (len(STAGE_NAMES) - 1)
@@ -129,19 +139,19 @@ def test_status_of_a_new_and_of_a_finished_take(here, project, finished):
     here("status", project / "capture").fails("not a take")
 
 
-def test_status_answers_without_torch(finished):
+def test_status_answers_without_torch(finished: Path) -> None:
     status = f"from v3studio.pipelines.cli import execute; assert execute(['status', {str(finished / 'take')!r}]) == 0"
     command = [sys.executable, "-c", f"import sys; {status}; print('torch' in sys.modules)"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.stdout.endswith("False\n"), done.stderr
 
 
-def test_bake_to_a_target(here, copied):
+def test_bake_to_a_target(here: Callable[..., Done], copied: Path) -> None:
     """Levels are kept and listed; files are never above the requested kilobytes; a new target replaces the one stored
     in the take."""
     take = copied / "take"
 
-    def baked(*options):
+    def baked(*options: object) -> Sequence[Rendition]:
         here("bake", "--take", take, *options).ok()
         with StreamReader.open(take / "stream") as reader:
             return reader.groups
@@ -167,7 +177,7 @@ def test_bake_to_a_target(here, copied):
     assert list(stages) == list(STAGE_NAMES[:-1]), "nothing measured this bake yet"
 
 
-def test_typos_are_answered_with_what_is_similar(here):
+def test_typos_are_answered_with_what_is_similar(here: Callable[..., Done]) -> None:
     for words, meant in (
         (("statsu", "x"), "status"),
         (("edit", "trimm", "x", "0:3"), "trim"),
@@ -183,7 +193,7 @@ def test_typos_are_answered_with_what_is_similar(here):
     here("models").fails("models list and models get", code=2)
 
 
-def test_bash_completes_commands_options_and_choices(here, tmp_path):
+def test_bash_completes_commands_options_and_choices(here: Callable[..., Done], tmp_path: Path) -> None:
     script = tmp_path / "v3studio.bash"
     script.write_text(here("completion", "bash").stdout)
     code = (
@@ -191,6 +201,6 @@ def test_bash_completes_commands_options_and_choices(here, tmp_path):
         "$(complete -p v3studio | sed 's/.*-F \\([^ ]*\\).*/\\1/'); echo ${COMPREPLY[*]}"
     )
     typing = {"ru": "run", "run --pre": "--preset", "edit tri": "trim", "run x --preset st": "standard"}
-    for typed, found in typing.items():
+    for typed, word in typing.items():
         done = subprocess.run(["bash", "-c", code, "bash", typed], capture_output=True, text=True, timeout=280)
-        assert done.stdout.split() == [found], done.stderr
+        assert done.stdout.split() == [word], done.stderr

@@ -143,9 +143,9 @@ def test_the_guides_list_what_the_program_has() -> None:
 def test_the_gzipped_sizes_of_the_player_are_those_of_its_page() -> None:
     player = read_player()
     text = (ROOT / "docs/WEB.md").read_text(encoding="utf-8")
-    found = [int(size) for size in re.findall(r"(\d+) KB\s+\(?gzipped", text)]
-    sizes = [len(gzip.compress(one)) / 1000 for one in (player.page.encode() + player.script, player.review)]
-    assert found == pytest.approx(sizes, abs=1)
+    told = [int(size) for size in re.findall(r"(\d+) KB\s+\(?gzipped", text)]
+    sizes = [len(gzip.compress(file)) / 1000 for file in (player.page.encode() + player.script, player.review)]
+    assert told == pytest.approx(sizes, abs=1)
 
 
 def test_the_size_of_the_demo_is_that_of_its_stream() -> None:

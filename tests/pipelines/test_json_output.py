@@ -153,13 +153,13 @@ def test_short_commands_have_a_result(copied: Path, here: Callable, monkeypatch:
 def test_every_command_but_the_window_takes_json() -> None:
     def names(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, bool]]:
         kinds = [kinds.choices for kinds in parser._actions if isinstance(kinds, argparse._SubParsersAction)]
-        for kind, one in (kinds[0] if kinds else {}).items():
-            yield from names(f"{name} {kind}", one)
+        for kind, child in (kinds[0] if kinds else {}).items():
+            yield from names(f"{name} {kind}", child)
         if not kinds:
             yield name, "--json" in parser.format_help()
 
-    found = dict(pair for name, parser in make_parser()[1].items() for pair in names(name, parser))
-    assert [name for name, known in found.items() if not known] == ["open"]
+    named = dict(pair for name, parser in make_parser()[1].items() for pair in names(name, parser))
+    assert [name for name, known in named.items() if not known] == ["open"]
 
 
 def test_a_reader_that_leaves_early_is_no_error() -> None:

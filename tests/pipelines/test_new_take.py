@@ -51,14 +51,14 @@ def test_a_frame_rate_that_makes_no_sense_is_refused_in_a_sentence(typed: str, t
 def test_frames_and_cameras_are_chosen(project: Path) -> None:
     new = NewTake(str(project / "capture"), take=str(project / "take"))
     counts: list[tuple[int, int]] = []
-    found = new.found(lambda done, total, **_: counts.append((done, total)))
-    inspection = found.inspection
+    footage = new.found(lambda done, total, **_: counts.append((done, total)))
+    inspection = footage.inspection
     assert inspection.frames == tuple(range(5))
-    assert list(inspection.thumbnails) == list(found.uses) == [f"cam{number}" for number in range(6)]
+    assert list(inspection.thumbnails) == list(footage.uses) == [f"cam{number}" for number in range(6)]
     assert list(inspection.strip) == [0, 1, 2, 3, 4]
     assert counts == [(done, 11) for done in range(11)], "6 cameras and 5 frames"
     assert inspection.suggested == ("cam5",)
-    new.uses = {**found.uses, **dict.fromkeys(inspection.suggested, "held out"), "cam0": "not used"}
+    new.uses = {**footage.uses, **dict.fromkeys(inspection.suggested, "held out"), "cam0": "not used"}
     assert uses_words(new.uses) == "4 cameras for training, 1 held out, 1 not used"
     new.frames = "1 to 3"
     capture = load_config(new.create() / "config.yaml").capture
@@ -77,9 +77,9 @@ def test_one_of_several_layouts_and_camera_files_is_chosen(project: Path) -> Non
     (project / "capture" / "images").rename(project / "capture" / "day")
     shutil.copytree(project / "capture" / "day", project / "capture" / "night")
     new = NewTake(str(project / "capture"), take=str(project / "take"))
-    found = new.found()
-    assert len(found.images) == 2, found.words
-    new.images = next(pattern for pattern in found.images if pattern.startswith("day"))
+    footage = new.found()
+    assert len(footage.images) == 2, footage.words
+    new.images = next(pattern for pattern in footage.images if pattern.startswith("day"))
     shutil.copy(project / "capture" / "cameras.json", project / "capture" / "rig.json")
     rigs = new.found().inspection.rigs
     assert sorted(rigs) == ["cameras.json", "rig.json"]
@@ -96,16 +96,16 @@ def test_cameras_without_masks_are_not_used(tmp_path: Path) -> None:
     for name, cameras in (("train", "ac"), ("test", "b")):
         count = len(cameras)
         poses = [np.eye(4) + np.eye(4, k=3) * number for number in range(count)]
-        values = {"k": [[[[30, 0, 16], [0, 30, 12], [0, 0, 1]]] * count], "w2c": [[pose.tolist() for pose in poses]]}
-        values |= {"fn": [[f"{camera}/0000.png" for camera in cameras]]}
-        (tmp_path / "shots" / f"{name}_meta.json").write_text(json.dumps({"w": 32, "h": 24, **values}))
-    found = NewTake(str(tmp_path / "shots")).found()
-    lines = found.inspection.lines
+        meta = {"k": [[[[30, 0, 16], [0, 30, 12], [0, 0, 1]]] * count], "w2c": [[pose.tolist() for pose in poses]]}
+        meta |= {"fn": [[f"{camera}/0000.png" for camera in cameras]]}
+        (tmp_path / "shots" / f"{name}_meta.json").write_text(json.dumps({"w": 32, "h": 24, **meta}))
+    footage = NewTake(str(tmp_path / "shots")).found()
+    lines = footage.inspection.lines
     (advice,) = (line for line in lines if "capture.held_out: " in line)
     assert "capture.held_out: [c]" in advice, "b, which is for evaluation, has no masks"
     assert all("masks" in line for line in lines if "'b'" in line)
-    assert found.inspection.unmasked == ("b",)
-    assert found.uses == {"a": "training", "b": "not used", "c": "training"}
+    assert footage.inspection.unmasked == ("b",)
+    assert footage.uses == {"a": "training", "b": "not used", "c": "training"}
     shutil.copytree(tmp_path / "shots" / "seg" / "a", tmp_path / "shots" / "seg" / "b")
     lines = NewTake(str(tmp_path / "shots")).found().inspection.lines
     (advice,) = (line for line in lines if "capture.held_out: " in line)
@@ -136,10 +136,10 @@ def test_one_of_several_masks_plates_and_sounds_is_chosen(tmp_path: Path) -> Non
             Image.new("RGB", (32, 24)).save(root / kind / f"{camera}.png")
     (root / "boom.wav").write_bytes(b"")
     new = NewTake(str(root), take=str(tmp_path / "take"))
-    found = new.found().inspection
-    assert set(found.masks) == {"masks/{camera}/{frame}.png", "masks_fine/{camera}/{frame}.png"}
-    assert set(found.plates) == {"clean_plates/{camera}.png", "backgrounds/{camera}.png"}
-    assert found.sounds == ("boom.wav",)
+    inspection = new.found().inspection
+    assert set(inspection.masks) == {"masks/{camera}/{frame}.png", "masks_fine/{camera}/{frame}.png"}
+    assert set(inspection.plates) == {"clean_plates/{camera}.png", "backgrounds/{camera}.png"}
+    assert inspection.sounds == ("boom.wav",)
     new.plates, new.audio = "backgrounds/{camera}.png", "boom.wav"
     capture = new.config().capture
     assert (capture.masks, capture.clean_plates, capture.audio) == ("clean_plate", new.plates, "boom.wav")

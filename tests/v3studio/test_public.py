@@ -39,9 +39,9 @@ def test_every_path_argument_takes_text() -> None:
         methods = inspect.getmembers(value, inspect.isroutine) if isinstance(value, type) else [("", value)]
         for method, function in methods:
             if inspect.isfunction(inspect.unwrap(function)) and not method.startswith("_"):
-                for found in inspect.signature(function).parameters.values():
-                    kinds = str(found.annotation).replace("'", "").split(" | ")
-                    assert "Path" not in kinds or "str" in kinds, f"{name}.{method}: {found.name}"
+                for parameter in inspect.signature(function).parameters.values():
+                    kinds = str(parameter.annotation).replace("'", "").split(" | ")
+                    assert "Path" not in kinds or "str" in kinds, f"{name}.{method}: {parameter.name}"
 
 
 def test_importing_it_is_light_and_leaves_the_environment_alone() -> None:

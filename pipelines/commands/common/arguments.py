@@ -78,8 +78,8 @@ def add_command(
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """ "; did you mean NAME?" for a typo; "" if nothing is similar."""
-    found = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {found[0]}?" if found else ""
+    matches = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {matches[0]}?" if matches else ""
 
 
 def _integer(text: str) -> int:

@@ -1,11 +1,14 @@
 import filecmp
 import json
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import pytest
 
 from tests.support.errors import refuses
+from tests.support.tiny_capture import Done
 from v3studio.pipelines.ablation.study import RatePoint, VariantResult, compare
 from v3studio.pipelines.ablation.variants import chosen
 from v3studio.pipelines.takes.frames.frame_files import read_about
@@ -22,7 +25,7 @@ def curve(factor: float, shift: float) -> list[RatePoint]:
     ]
 
 
-def test_distances_between_curves_that_are_known():
+def test_distances_between_curves_that_are_known() -> None:
     curves = [curve(1, 0), curve(0.8, 0), curve(1, -0.5), curve(1, 100), curve(1, 0)[:2]]
     entries = compare([VariantResult(name="x", title="x", points=tuple(points)) for points in curves])
     assert "bd_rate_percent" not in entries[0].to_json()
@@ -35,14 +38,14 @@ def test_distances_between_curves_that_are_known():
     assert entries[4].to_json()["bd_rate_percent"] is None, "written as null"
 
 
-def test_the_full_method_is_always_first_and_names_are_checked():
+def test_the_full_method_is_always_first_and_names_are_checked() -> None:
     assert [variant.name for variant in chosen(["group-20", "no-motion"])] == ["full", "no-motion", "group-20"]
     with refuses("ablation.unknown_variant", value="nothing") as caught:
         chosen(["nothing"])
     assert caught.value.fields["expected"][:2] == ["full", "no-entropy"]
 
 
-def test_command_shares_keyframes_measures_and_goes_on(project, here):
+def test_command_shares_keyframes_measures_and_goes_on(project: Path, here: Callable[..., Done]) -> None:
     out = project / "ablation"
     arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
     shown = here(*arguments, "--set", "capture.frames=:2").ok().stdout

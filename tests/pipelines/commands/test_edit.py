@@ -1,10 +1,12 @@
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.support.streams import contents
+from tests.support.tiny_capture import Done
 from v3studio.pipelines.review.take_review import TakeReview
 from v3studio.pipelines.takes.authored.edits import change_edits, read_edits
 from v3studio.pipelines.takes.frames.frame_files import read_frame
@@ -19,11 +21,11 @@ from v3studio.studio.stream import StreamMetadata, StreamReader
 
 
 @pytest.fixture
-def take(copied) -> Path:
+def take(copied: Path) -> Path:
     return copied / "take"
 
 
-def states(here, take) -> dict[str, dict[str, str]]:
+def states(here: Callable[..., Done], take: Path) -> dict[str, dict[str, str]]:
     return here("status", take, "--json").ok().result["stages"]
 
 
@@ -36,11 +38,11 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     here("edit", "world", take, "--up", 0, 0, 1, "--origin", 0, 0, "-0.5", "--scale", 100).ok()
     # above the origin there is less than half of the ball
     here("edit", "crop", take, "--min", -100, 50, -100, "--max", 100, 200, 100).ok()
-    found = states(here, take)
-    assert {found[name]["state"] for name in ("calibrate", "initialize", "train")} == {"done"}
-    assert found["bake"]["state"] != "done"
+    stages = states(here, take)
+    assert {stages[name]["state"] for name in ("calibrate", "initialize", "train")} == {"done"}
+    assert stages["bake"]["state"] != "done"
     for words in ("the trim was set", "the crop box was set", "the placement of the world was set"):
-        assert words in found["bake"]["reason"]
+        assert words in stages["bake"]["reason"]
     here("run", take).ok()
 
     opened, edits = Take.open(take), read_edits(take / "edits.json")
@@ -60,7 +62,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
             apart = placed(whole, edits.similarity).means[:, None] - edited.means
             kept = apart.norm(dim=2).min(dim=1).values < 1e-4
             assert int(kept.sum()) == len(edited)
-            pictures = [rasterize(one, video.view).image for one in (edited, decoded)]
+            pictures = [rasterize(splats, video.view).image for splats in (edited, decoded)]
             assert float((pictures[0] - pictures[1]).abs().mean()) < 0.02
     again = json.loads((take / "evaluation.json").read_text())
     assert [row["index"] for row in again["frames"]] == again["protocol"]["frames"] == [1, 2, 3]
@@ -87,10 +89,10 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
 
 def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here, take) -> None:
     here("edit", "crop", take, "--min", "-1", "-1", 0, "--max", 1, 1, 1, "--training").ok()
-    found = states(here, take)
-    assert found["calibrate"]["state"] == "done"
-    assert "the crop box was set" in found["initialize"]["reason"]
-    assert found["train"]["state"] != "done"
+    stages = states(here, take)
+    assert stages["calibrate"]["state"] == "done"
+    assert "the crop box was set" in stages["initialize"]["reason"]
+    assert stages["train"]["state"] != "done"
     whole = read_points_of(take)
     assert whole[:, 2].min() < -0.4
     here("initialize", take).ok()
@@ -111,14 +113,14 @@ def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(
     assert mark.at(2) == pytest.approx([0, 0, 0.4])
     assert [frame for frame, _ in mark.path] == [0, 2, 3, 4], "borders of the groups"
     assert "details 1" in here("edit", "list", take).ok().stdout
-    found = states(here, take)
-    assert found["initialize"] == initialized
-    assert found["train"]["reason"] == "the marked details were set"
-    assert "details" not in found["bake"]["reason"]
+    stages = states(here, take)
+    assert stages["initialize"] == initialized
+    assert stages["train"]["reason"] == "the marked details were set"
+    assert "details" not in stages["bake"]["reason"]
     here("train", take).ok()
 
     def share(data_of: Path) -> float:
-        """Of the splats near the mark."""
+        """The share of splats near the mark."""
         means = read_frame(data_of).means.numpy()
         return float((np.linalg.norm(means - mark.at(0), axis=1) < mark.radius).mean())
 

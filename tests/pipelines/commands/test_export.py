@@ -1,6 +1,7 @@
 import json
 import shutil
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import torch
 
 from tests.support.rigs import camera_at
 from tests.support.splats import write_group
+from tests.support.tiny_capture import Done
+from tests.support.warm_python import WarmProcess
 from v3studio.pipelines.events import Log
 from v3studio.pipelines.takes.authored.edits import change_edits
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, write_frame
@@ -59,7 +62,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return take.root
 
 
-def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
+def test_ply_of_the_trained_or_the_decoded_splats(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
     options = ("--of", "trained", "--format", "ply", "--frames", "1:5:2")
     done = here("export", take, *options, "--out", tmp_path / "trained").ok()
     assert done.stdout.endswith("trained: 2 frames\n")
@@ -74,11 +77,13 @@ def test_ply_of_the_trained_or_the_decoded_splats(here, take, tmp_path):
     ("dilations", "words"),
     [((0.1, 0.1), "with 0.1 and look bolder"), ((0.3, 0.6), "with 0.6 and look thinner"), ((0.3, 0.3), "")],
 )
-def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dilations, words):
+def test_another_dilation_is_told_since_files_cannot_say_it(
+    here: Callable[..., Done], tmp_path: Path, dilations: tuple[float, float], words: str
+) -> None:
     settings = BakeSettings(quality=0)
     groups = [
-        bake_group([replace(body(number, 60), dilation=one)], tmp_path / "s", number, number, settings)
-        for number, one in enumerate(dilations)
+        bake_group([replace(body(number, 60), dilation=dilation)], tmp_path / "s", number, number, settings)
+        for number, dilation in enumerate(dilations)
     ]
     write_manifest(tmp_path / "s", groups, 10.0, settings)
     for kind in ("ply", "turntable.mp4"):
@@ -92,7 +97,7 @@ def test_another_dilation_is_told_since_files_cannot_say_it(here, tmp_path, dila
     assert [words in note for note in notes] == ([True] if words else [])
 
 
-def test_harmonics_can_be_cut(here, tmp_path):
+def test_harmonics_can_be_cut(here: Callable[..., Done], tmp_path: Path) -> None:
     settings = BakeSettings(quality=0)
     colored = body(0, 60).with_sh_degree(2)
     write_manifest(tmp_path / "s", [bake_group([colored], tmp_path / "s", 0, 0, settings)], 10.0, settings)
@@ -102,12 +107,12 @@ def test_harmonics_can_be_cut(here, tmp_path):
         assert read_splats(out).sh_degree == degree
 
 
-def test_viewer_axes(here, take, tmp_path):
+def test_viewer_axes(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
     here("export", take / "stream", "--format", "ply", "--axes", "viewer", "--out", tmp_path / "out").ok()
     with StreamReader.open(take / "stream") as reader:
         world = reader.gaussians(0).means
-    found = read_splats(tmp_path / "out" / "frame_0000.ply").means
-    assert torch.allclose(found[:, 1], -world[:, 2], atol=1e-5)  # y down
+    means = read_splats(tmp_path / "out" / "frame_0000.ply").means
+    assert torch.allclose(means[:, 1], -world[:, 2], atol=1e-5)  # y down
     here("export", take / "stream", "--format", "spz", "--frames", "0:1", "--out", tmp_path / "a.spz").ok()
     assert torch.allclose(read_splats(tmp_path / "a.spz").means[:, 1], world[:, 2], atol=1e-3)  # y up
     assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
@@ -117,7 +122,7 @@ def test_viewer_axes(here, take, tmp_path):
     assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
 
 
-def test_videogs_there_and_back(here, take, tmp_path):
+def test_videogs_there_and_back(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
     here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs").ok()
     options = ("--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2")
     done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options, "--bake.first_group_size", "2").ok()
@@ -130,11 +135,11 @@ def test_videogs_there_and_back(here, take, tmp_path):
         assert reader.manifest.metadata["up"] == [0, 0, 1]
         for index in range(5):
             meant = body(index, 60 if index < 3 else 75).means
-            found = reader.gaussians(index).means
-            assert torch.cdist(meant.double(), found.double()).min(dim=1).values.max() < 5e-3
+            means = reader.gaussians(index).means
+            assert torch.cdist(meant.double(), means.double()).min(dim=1).values.max() < 5e-3
 
 
-def test_movies(here, take, tmp_path):
+def test_movies(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
     turn = tmp_path / "turn.mp4"
     options = ("--of", "trained", "--format", "turntable", "--size", "96x64", "--seconds", "0.4", "--json")
     *_, last, end = here("export", take, *options, "--out", turn).ok().events
@@ -155,7 +160,9 @@ def test_movies(here, take, tmp_path):
     assert done.stdout.endswith("rig.mp4: 5 frames of 96x64\n")  # as long as the video
 
 
-def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(here, take, tmp_path, monkeypatch):
+def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(
+    here: Callable[..., Done], take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     options = ("--format", "exr", "--shutter", "180", "--shutter-samples", "2", "--json")
     done = here("export", take, *options, "--camera", "side", "--frames", "1:3", "--out", "side").ok()
@@ -181,7 +188,7 @@ def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(he
     assert done.stdout.endswith("a.mp4: 5 frames of 96x64\n")
 
 
-def test_mistakes_are_one_sentence(here, take, tmp_path):
+def test_mistakes_are_one_sentence(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     (tmp_path / "notes.txt").write_text("not an export", encoding="utf-8")
     cases = [
@@ -203,18 +210,18 @@ def test_mistakes_are_one_sentence(here, take, tmp_path):
         done = here("export", *arguments).fails(message, code=2 if usage else 1)
         assert done.stderr.startswith("error: ")
         assert done.stderr.count("\n") == 1
-    assert [one.name for one in tmp_path.iterdir()] == ["notes.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     for option, value in (("--size", "big"), ("--size", "0x64"), ("--background", "red"), ("--frames", "all")):
         here("export", take, "--format", "ply", "--out", out, option, value).fails(f"'{value}' is not", code=2)
     here("import", take, "--out", out).fails("no .ply, .spz, .sog, .splat, .ksplat files")
 
 
-def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
+def test_frames_have_their_numbers_in_the_footage(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
     whole = Path(shutil.copytree(take, tmp_path / "take"))
     for path in sorted((whole / "train").glob("group_*/group.json")):
-        values = json.loads(path.read_text())
-        path.write_text(json.dumps(values | {"frames": [60 + 2 * frame for frame in values["frames"]]}))
+        group = json.loads(path.read_text())
+        path.write_text(json.dumps(group | {"frames": [60 + 2 * frame for frame in group["frames"]]}))
     options = ("--format", "ply", "--frames", "62:66")
     for of in ("trained", "decoded"):
         here("export", whole, "--of", of, *options, "--out", tmp_path / of).ok()
@@ -226,7 +233,9 @@ def test_frames_have_their_numbers_in_the_footage(here, take, tmp_path):
     here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early").fails("64 to 66")
 
 
-def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(start, take, tmp_path):
+def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(
+    start: Callable[..., WarmProcess], take: Path, tmp_path: Path
+) -> None:
     options = ("--format", "turntable", "--size", "640x480", "--seconds", "600", "--json")
     process = start("export", take, *options, "--out", tmp_path / "a.mp4")
     while '"done": 0' in process.stdout.readline():

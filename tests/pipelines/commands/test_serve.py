@@ -7,7 +7,7 @@ import socket
 import threading
 import urllib.parse
 import urllib.request
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
@@ -16,6 +16,7 @@ import pytest
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
 from tests.support.tiny_capture import Done
+from tests.support.warm_python import WarmProcess
 from tests.support.web_servers import PLAYER, ask, running
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.share.page import PageText
@@ -40,7 +41,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def port(stream: Path):
+def port(stream: Path) -> Iterator[int]:
     """A server for `stream`, with files in and next to it that must not be served."""
     (stream.parent / "secret.txt").write_text("secret")
     (stream / ".hidden").write_text("secret")
@@ -50,7 +51,7 @@ def port(stream: Path):
         yield port
 
 
-def test_files_with_their_types_and_lengths(port, stream):
+def test_files_with_their_types_and_lengths(port: int, stream: Path) -> None:
     video = group_files(stream, 3)[0].relative_to(stream).as_posix()
     for path, kind in (("manifest.json", "application/json"), (video, "video/mp4")):
         data = (stream / path).read_bytes()
@@ -63,7 +64,9 @@ def test_files_with_their_types_and_lengths(port, stream):
         assert (status, head["content-length"], body) == (200, str(len(data)), b"")
 
 
-def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_path, here, start):
+def test_addresses_of_folders_with_any_letters_are_quoted_and_work(
+    stream: Path, tmp_path: Path, here: Callable[..., Done], start: Callable[..., WarmProcess]
+) -> None:
     names = ["prise é 影 1", "a #1 50% ?&'x", "plain"]
     for name in names:
         shutil.copytree(stream, tmp_path / name, symlinks=True)
@@ -87,7 +90,7 @@ def test_addresses_of_folders_with_any_letters_are_quoted_and_work(stream, tmp_p
     process.send_signal(signal.SIGINT)
 
 
-def test_ranges(port, stream):
+def test_ranges(port: int, stream: Path) -> None:
     file = group_files(stream, 0)[0]
     data, path = file.read_bytes(), f"/{file.relative_to(stream).as_posix()}"
     status, headers, body = ask(port, path, Range="bytes=100-299")
@@ -101,7 +104,7 @@ def test_ranges(port, stream):
     assert ask(port, path, Range="bytes=5-", If_Range='"other"')[::2] == (200, data)
 
 
-def test_caches_ask_again_and_are_told_when_nothing_changed(port, stream):
+def test_caches_ask_again_and_are_told_when_nothing_changed(port: int, stream: Path) -> None:
     named_by_content = f"/{group_files(stream, 1)[0].relative_to(stream).as_posix()}"
     for path, kept in (("/manifest.json", "no-cache"), (named_by_content, "public, max-age=31536000, immutable")):
         _, headers, _ = ask(port, path)
@@ -117,7 +120,7 @@ def test_caches_ask_again_and_are_told_when_nothing_changed(port, stream):
     assert ask(port, "/note.bin")[1]["content-type"] == "application/octet-stream"
 
 
-def test_pages_from_elsewhere_may_read(port):
+def test_pages_from_elsewhere_may_read(port: int) -> None:
     _, headers, _ = ask(port, "/manifest.json", Origin="https://player.example")
     assert headers["access-control-allow-origin"] == "*"
     assert "Content-Range" in headers["access-control-expose-headers"]
@@ -150,7 +153,7 @@ def test_which_pages_may_show_it_in_a_frame(stream: Path, tmp_path: Path, origin
         "/..\\secret.txt", "/%00", "/" + "a" * 5000, "/files", "/files/", "/nothing.mp4",
     ],
 )  # fmt: skip
-def test_nothing_but_the_streams_files(port, path, stream):
+def test_nothing_but_the_streams_files(port: int, path: str, stream: Path) -> None:
     status, _, body = ask(port, path)
     assert status in (400, 404)
     assert b"secret" not in body
@@ -158,12 +161,12 @@ def test_nothing_but_the_streams_files(port, path, stream):
     assert ask(port, absolute)[0] == 404
 
 
-def test_nothing_can_be_changed(port):
+def test_nothing_can_be_changed(port: int) -> None:
     for method in ("POST", "PUT", "DELETE", "PATCH"):
         assert ask(port, "/manifest.json", method=method, Content_Length="0")[0] == 405
 
 
-def test_which_streams_are_found(stream, tmp_path):
+def test_which_streams_are_found(stream: Path, tmp_path: Path) -> None:
     assert find_streams(str(stream)) == {"/": stream}
     take = tmp_path / "take"
     shutil.copytree(stream, take / "stream", symlinks=True)
@@ -177,7 +180,9 @@ def test_which_streams_are_found(stream, tmp_path):
             find_streams(str(tmp_path / wrong))
 
 
-def test_streams_elsewhere_are_not_served_through_links(stream, tmp_path, capsys):
+def test_streams_elsewhere_are_not_served_through_links(
+    stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     served, elsewhere = tmp_path / "served", tmp_path / "elsewhere"
     shutil.copytree(stream, served / "here", symlinks=True)
     shutil.copytree(stream, elsewhere / "take" / "stream", symlinks=True)
@@ -188,16 +193,16 @@ def test_streams_elsewhere_are_not_served_through_links(stream, tmp_path, capsys
     (served / "mine").mkdir()
     (served / "mine" / "take.json").write_text(json.dumps({"format": TAKE_FORMAT}))
     (served / "mine" / "stream").symlink_to(elsewhere / "take" / "stream")
-    found = find_streams(str(served))
-    assert list(found) == ["/again", "/here"]
+    streams = find_streams(str(served))
+    assert list(streams) == ["/again", "/here"]
     assert capsys.readouterr().err.count("a link out of this folder") == 3
-    with running(build_app(found)) as port:
+    with running(build_app(streams)) as port:
         assert ask(port, "/here/manifest.json")[0] == 200
         for name in ("stream", "take", "mine", "mine/stream"):
             assert ask(port, f"/{name}/manifest.json")[0] == 404
 
 
-def test_names_are_taken_as_they_are_or_skipped(tmp_path, capsys):
+def test_names_are_taken_as_they_are_or_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in (b"a", b"{a}", b"{b:int}", b"\xff"):
         folder = tmp_path / os.fsdecode(name)
         folder.mkdir()
@@ -212,7 +217,7 @@ def test_names_are_taken_as_they_are_or_skipped(tmp_path, capsys):
     assert "not UTF-8" in capsys.readouterr().err
 
 
-def test_a_title_for_one_stream(stream, tmp_path, here):
+def test_a_title_for_one_stream(stream: Path, tmp_path: Path, here: Callable[..., Done]) -> None:
     with running(build_app(find_streams(str(stream)), PLAYER, text=PageText(title="Walk <1>"))) as port:
         page = ask(port, "/", Accept=BROWSER)[2].decode()
         assert "<title>Walk &lt;1&gt;</title>" in page
@@ -222,7 +227,7 @@ def test_a_title_for_one_stream(stream, tmp_path, here):
     here("serve", tmp_path / "several", "--title", "Walk", "--port", "0").fails("--title", code=2)
 
 
-def test_browsers_get_the_player_and_others_the_list(stream, tmp_path):
+def test_browsers_get_the_player_and_others_the_list(stream: Path, tmp_path: Path) -> None:
     for name in ("a", "b <'&>"):
         shutil.copytree(stream, tmp_path / name, symlinks=True)
     (tmp_path / "a" / ".player").mkdir()
@@ -262,22 +267,22 @@ def test_names_in_the_list_of_streams_look_like_themselves(tmp_path: Path) -> No
         assert "\u202e" not in listed + page
 
 
-def test_a_port_that_is_taken(here, stream):
+def test_a_port_that_is_taken(here: Callable[..., Done], stream: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         here("serve", stream, "--port", taken.getsockname()[1]).fails("is in use. Specify another one with --port.")
     here("serve", stream, "--port", "70000").fails(code=2)
     here("serve", stream, "--host", "203.0.113.1").fails("cannot listen on 203.0.113.1")
 
 
-def served(start, stream: Path, port: int = 0):
-    """Start a server process; yields its address."""
+def served(start: Callable[..., WarmProcess], stream: Path, port: int = 0) -> tuple[WarmProcess, str]:
+    """Start a server process; it, and its address."""
     process = start("serve", stream, "--port", port)
     line = process.stdout.readline()
     assert "at http://127.0.0.1:" in line, process.stderr.read()
     return process, line.rsplit(" at ", 1)[1].strip()
 
 
-def test_ctrl_c_ends_it_whoever_is_connected(start, tmp_path):
+def test_ctrl_c_ends_it_whoever_is_connected(start: Callable[..., WarmProcess], tmp_path: Path) -> None:
     folder = bake(tmp_path / "stream")
     (folder / "big.bin").write_bytes(bytes(50_000_000))
     process, address = served(start, folder)
@@ -294,7 +299,9 @@ def test_ctrl_c_ends_it_whoever_is_connected(start, tmp_path):
     assert process.stderr.read() == ""
 
 
-def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(start, stream):
+def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(
+    start: Callable[..., WarmProcess], stream: Path
+) -> None:
     process, address = served(start, stream)
     port = int(address.rstrip("/").rpartition(":")[2])
     seen = []
@@ -322,10 +329,12 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(sta
     assert report.seconds > 40 / 20
 
 
-def test_the_command_line_plays_an_address(here, start, tmp_path):
+def test_the_command_line_plays_an_address(
+    here: Callable[..., Done], start: Callable[..., WarmProcess], tmp_path: Path
+) -> None:
     folder = bake(tmp_path / "stream")
     missing = {"path": f"files/{'1' * 32}.mp4", "sha256": "1" * 64}  # these groups share their files
-    edit_manifest(folder, lambda values: best_of(values["groups"][0])["components"][0]["planes"][0].update(missing))
+    edit_manifest(folder, lambda manifest: best_of(manifest["groups"][0])["components"][0]["planes"][0].update(missing))
     _, address = served(start, folder)
     done = here("play", "--json", address).fails()
     report = done.result
@@ -337,7 +346,7 @@ def test_the_command_line_plays_an_address(here, start, tmp_path):
     here("play", address + "nowhere").fails("404")
 
 
-def test_json_is_compressed_for_clients_that_take_it(port, stream):
+def test_json_is_compressed_for_clients_that_take_it(port: int, stream: Path) -> None:
     data = (stream / "manifest.json").read_bytes()
     status, headers, body = ask(port, "/manifest.json", Accept_Encoding="gzip, br")
     assert (status, headers["content-encoding"], gzip.decompress(body)) == (200, "gzip", data)

@@ -34,7 +34,7 @@ def quality(value: float) -> dict[str, float]:
 
 
 def evaluation() -> dict[str, Any]:
-    """As the stage writes it; frame 3 was not measured."""
+    """An evaluation as the stage writes it; frame 3 was not measured."""
     rows = [
         {**quality(30 + n), "index": n, "frame": n, "group": 0, "starts_group": n == 0, "splats": 40,
          "bytes": 900.0 + n, "cameras": {"cam4": quality(30 + n)}}
@@ -96,7 +96,7 @@ def test_figures_are_those_of_the_evaluation_and_cameras_those_of_the_rig(port: 
     assert data["quality"]["bytes"] == [900, 901, 902, None, 904]
     assert (data["frame_count"], data["problems"], data["quality"]["held_out"]) == (5, [], True)
     (camera,) = data["cameras"]
-    rig = {one["name"]: one for one in json.loads(take.rig.read_text())["cameras"]}["cam4"]
+    rig = {camera["name"]: camera for camera in json.loads(take.rig.read_text())["cameras"]}["cam4"]
     assert (camera["name"], camera["width"], camera["height"], camera["undistorted"]) == ("cam4", 64, 48, False)
     assert camera["K"] == rig["K"]
     assert np.allclose(camera["world_to_camera"], rig["world_to_camera"])
@@ -155,10 +155,10 @@ NO_EYES = ({"eye": VIEW["target"]}, {"eye": [0, 1]}, {"eye": None}, {"place": [0
 FAR = ({"eye": [1e308, 0, 0]}, {"target": [0, -1.1e9, 0]}, {"place": [0, 0, 1e10]})
 
 
-@pytest.mark.parametrize("values", [*NO_EYES, *FAR, {"fov": 0}, {"fov": 180.0}, {"wipe": 1.5}, {"camera": "c" * 300}])
-def test_views_that_cannot_be_looked_from_are_refused(port: int, take: Take, values: dict[str, Any]) -> None:
+@pytest.mark.parametrize("part", [*NO_EYES, *FAR, {"fov": 0}, {"fov": 180.0}, {"wipe": 1.5}, {"camera": "c" * 300}])
+def test_views_that_cannot_be_looked_from_are_refused(port: int, take: Take, part: dict[str, Any]) -> None:
     change = mark(1, "x")
-    change["mark"]["view"] = {**VIEW, **values}
+    change["mark"]["view"] = {**VIEW, **part}
     assert send(port, change)[0] == 400
     assert not take.marks.exists()
 
@@ -167,7 +167,7 @@ def test_a_view_too_far_for_the_world_of_the_take_is_refused(take: Take, port: i
     """The stream's world is a billionth of the take's."""
     shutil.copytree(take.root, tmp_path / "take")
     place = {"first_frame": 0, **Similarity(scale=1e-9).to_json()}
-    edit_manifest(tmp_path / "take" / "stream", lambda values: values["metadata"].update(capture=place))
+    edit_manifest(tmp_path / "take" / "stream", lambda manifest: manifest["metadata"].update(capture=place))
     streams = find_streams(str(tmp_path / "take"))
     with running(build_app(streams, PLAYER, Reviews(SECRET, find_reviews(streams)))) as port:
         change = mark(1, "x")

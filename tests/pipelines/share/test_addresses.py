@@ -17,9 +17,12 @@ from v3studio.pipelines.share.certificates import Certificate, load_certificate,
 ADDRESS = "https://192.168.178.23:8000/prise%20%C3%A9/?t=3.2&view=30,10,2.5,0,0,0"
 
 
-def test_every_interface_means_the_addresses_that_others_can_use(monkeypatch):
+def test_every_interface_means_the_addresses_that_others_can_use(monkeypatch: pytest.MonkeyPatch) -> None:
     def at(*given: str) -> list[SimpleNamespace]:
-        return [SimpleNamespace(family=socket.AF_INET6 if ":" in one else socket.AF_INET, address=one) for one in given]
+        return [
+            SimpleNamespace(family=socket.AF_INET6 if ":" in address else socket.AF_INET, address=address)
+            for address in given
+        ]
 
     cards = {
         "lo": at("127.0.0.1", "::1"),
@@ -41,7 +44,7 @@ def test_every_interface_means_the_addresses_that_others_can_use(monkeypatch):
 
 
 @pytest.mark.parametrize("size", [1, 300])
-def test_a_code_says_the_address(size):
+def test_a_code_says_the_address(size: int) -> None:
     image = qr_pixels(ADDRESS, size)
     assert image.shape[0] == image.shape[1]
     assert size == 1 or image.shape[0] <= size < 1.5 * image.shape[0]
@@ -51,7 +54,7 @@ def test_a_code_says_the_address(size):
 
 
 def presented(certificate: Certificate, name: str, trusted: ssl.SSLContext) -> bytes:
-    """What a client that connects gets, in DER."""
+    """The certificate that a client gets, in DER."""
     with socket.create_server(("127.0.0.1", 0)) as sock:
 
         def answer() -> None:
@@ -63,12 +66,13 @@ def presented(certificate: Certificate, name: str, trusted: ssl.SSLContext) -> b
         place = sock.getsockname()
         with socket.create_connection(place) as plain, trusted.wrap_socket(plain, server_hostname=name) as secure:
             secure.sendall(b"x")
-            found = secure.getpeercert(binary_form=True)
+            shown = secure.getpeercert(binary_form=True)
         thread.join(120)
-    return found
+    assert shown is not None
+    return shown
 
 
-def test_a_certificate_is_made_and_its_fingerprint_told():
+def test_a_certificate_is_made_and_its_fingerprint_told() -> None:
     made = make_certificate(["127.0.0.1", "[::1]", "studio"])
     trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
@@ -78,7 +82,7 @@ def test_a_certificate_is_made_and_its_fingerprint_told():
     assert make_certificate(["studio"]).fingerprint != made.fingerprint
 
 
-def test_given_certificates_are_used(tmp_path: Path):
+def test_given_certificates_are_used(tmp_path: Path) -> None:
     authority = trustme.CA()
     leaf = authority.issue_cert("studio.example")
     both, chain, key = tmp_path / "both.pem", tmp_path / "chain.pem", tmp_path / "key.pem"
@@ -93,7 +97,7 @@ def test_given_certificates_are_used(tmp_path: Path):
         assert not certificate.made
 
 
-def test_what_is_no_certificate_is_refused(tmp_path: Path):
+def test_what_is_no_certificate_is_refused(tmp_path: Path) -> None:
     leaf, other = trustme.CA().issue_cert("a.example"), trustme.CA().issue_cert("b.example")
     chain, key, text = tmp_path / "chain.pem", tmp_path / "key.pem", tmp_path / "text.pem"
     leaf.cert_chain_pems[0].write_to_path(chain)

@@ -1,6 +1,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,10 +16,10 @@ ITEM = {"stream": "walk"}
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the stream `walk`, splats, and the built page."""
     said = {"credits": "Jane <Doe>", "license": "CC BY 4.0"}
-    edit_manifest(bake_numbered(tmp_path / "walk", [2], 25.0), lambda values: values.update(metadata=said))
+    edit_manifest(bake_numbered(tmp_path / "walk", [2], 25.0), lambda manifest: manifest.update(metadata=said))
     (tmp_path / "a chair #1.ply").write_bytes(b"ply")
     built = tmp_path / "player" / "cast"
     built.mkdir(parents=True)
@@ -30,13 +31,13 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-def document(place: Path, *items: object, **values: object) -> Path:
+def document(place: Path, *items: object, **fields: object) -> Path:
     path = place / "cast.json"
-    path.write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items or [ITEM], **values}))
+    path.write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items or [ITEM], **fields}))
     return path
 
 
-def test_the_page_has_each_stream_once(place):
+def test_the_page_has_each_stream_once(place: Path) -> None:
     chair = {"splats": "a chair #1.ply", "scale": 2}
     cast = document(place, ITEM, {**ITEM, "start": 1.5, "turn": [0, 90, 0]}, chair, title="Two & a chair")
     shared = share(cast, place / "site")
@@ -72,7 +73,7 @@ def test_the_page_has_each_stream_once(place):
         ({"items": [{"model": "a.obj"}]}, "items.0"),
     ],
 )
-def test_a_document_that_is_refused_names_the_value(place, change, key):
+def test_a_document_that_is_refused_names_the_value(place: Path, change: dict[str, Any], key: str) -> None:
     cast = document(place, **change) if "items" not in change else document(place)
     cast.write_text(json.dumps({**json.loads(cast.read_text()), **change}))
     with refuses("share.bad_cast", file=cast, key=key):
@@ -80,7 +81,7 @@ def test_a_document_that_is_refused_names_the_value(place, change, key):
     assert not (place / "site").exists()
 
 
-def test_the_example_and_the_guide_describe_casts(place):
+def test_the_example_and_the_guide_describe_casts(place: Path) -> None:
     example = share(ROOT / "examples" / "web" / "cast.json", place / "example")
     assert example.stream_bytes > 500_000
     guide = (ROOT / "docs" / "guides" / "web.md").read_text(encoding="utf-8")
@@ -89,7 +90,7 @@ def test_the_example_and_the_guide_describe_casts(place):
     assert len(read_cast(place / "guide.json").items) == 4
 
 
-def test_what_is_missing_leaves_the_earlier_share(place):
+def test_what_is_missing_leaves_the_earlier_share(place: Path) -> None:
     site = place / "site"
     share(document(place), site)
     before = contents(site)

@@ -18,14 +18,14 @@ from v3studio.studio.formats import ply
 def place(tmp_path: Path) -> Path:
     """A stream with the splat 0 of frame i at x = i, z up, and one static splat at (1, 2, 3)."""
     bake_numbered(tmp_path / "walk", [4], 25.0, splats=40)
-    edit_manifest(tmp_path / "walk", lambda values: values.update(metadata={"up": [0, 0, 1]}))
+    edit_manifest(tmp_path / "walk", lambda manifest: manifest.update(metadata={"up": [0, 0, 1]}))
     ply.write(tmp_path / "dot.ply", round_splats(torch.tensor([[1.0, 2, 3]])).with_sh_degree(1))
     return tmp_path
 
 
-def opened(place: Path, *items: object, **values: object) -> CastFrames:
+def opened(place: Path, *items: object, **fields: object) -> CastFrames:
     path = place / "cast.json"
-    path.write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items, **values}))
+    path.write_text(json.dumps({"format": "v3studio-cast", "version": 1, "items": items, **fields}))
     return CastFrames(path)
 
 
@@ -60,11 +60,11 @@ def test_the_sound_of_each_stream_begins_with_it_and_loops(place: Path) -> None:
     sound = cast.sound()
     assert sound.samples == round(cast.frame_count / cast.fps * sound.sample_rate)
     wanted = [0.12, 0.32, 0.43, 0.52]  # at 0.12 + 0.2 n, and at 0.31 + 0.12
-    for one in (sound, sound.copy()):
-        pieces = [one.read(first, 7000) for first in range(0, sound.samples, 7000)]
-        found = click_times(np.concatenate(pieces)[: round(0.55 * sound.sample_rate)])
-        assert found == pytest.approx(wanted, abs=0.005)
-        one.close()
+    for track in (sound, sound.copy()):
+        pieces = [track.read(first, 7000) for first in range(0, sound.samples, 7000)]
+        times = click_times(np.concatenate(pieces)[: round(0.55 * sound.sample_rate)])
+        assert times == pytest.approx(wanted, abs=0.005)
+        track.close()
     cast.close()
     silent = opened(place, {"stream": "walk"})
     assert not silent.has_sound

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.splats import noise, round_splats
 from tests.support.streams import bake_numbered, contents
+from tests.support.tiny_capture import Done
 from v3studio.pipelines.events import Progress
 from v3studio.pipelines.share import sharing
 from v3studio.pipelines.share.page import PageText, first_files, read_intro, read_view
@@ -77,7 +79,7 @@ class Page(HTMLParser):
         return {meta.get("property"): meta.get("content") for meta in self.named("meta")}
 
 
-def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_path):
+def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream: Path, tmp_path: Path) -> None:
     steps = []
     progress = lambda done, total, **_: steps.append((done, total))  # noqa: E731
     shared = share(stream, tmp_path / "deep" / "site", TEXT, progress=progress)
@@ -106,7 +108,7 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream, tmp_
     assert [path.name for path in shared.path.parent.iterdir()] == ["site"]
 
 
-def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_path):
+def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream: Path, tmp_path: Path) -> None:
     shared = share(stream, tmp_path / "site")
     (poster,) = shared.path.glob("poster.*.jpg")
     image = cv2.imread(str(poster))[:, :, ::-1].astype(float)
@@ -117,7 +119,7 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream, tmp_pat
     assert np.abs(image - want).mean() < 6 < np.abs(image - other).mean()
 
 
-def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
+def test_an_earlier_share_is_replaced_and_nothing_else(stream: Path, tmp_path: Path) -> None:
     out = tmp_path / "site"
     out.mkdir()
     first = share(stream, out, PageText(title="One")).path
@@ -145,7 +147,7 @@ def test_an_earlier_share_is_replaced_and_nothing_else(stream, tmp_path):
     assert b"Two" in (out / "index.html").read_bytes()
 
 
-def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream, tmp_path):
+def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream: Path, tmp_path: Path) -> None:
     copy, out, page = shutil.copytree(stream, tmp_path / "copy"), tmp_path / "out" / "site", tmp_path / "out" / "a.html"
     killed = subprocess.Popen([sys.executable, "-S", "-c", ""])
     killed.wait()
@@ -176,7 +178,7 @@ def test_what_is_damaged_or_cancelled_leaves_the_earlier_share_as_it_was(stream,
     assert sorted(os.listdir(out.parent)) == ["a.html", "site"]
 
 
-def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
+def test_a_single_file_holds_the_stream_as_it_is(stream: Path, tmp_path: Path) -> None:
     shared = share(stream, tmp_path / "take.html", TEXT)
     page = Page(shared.path)
     files = [(attributes["data-v3-file"], text) for attributes, text in page.texts if "data-v3-file" in attributes]
@@ -194,7 +196,9 @@ def test_a_single_file_holds_the_stream_as_it_is(stream, tmp_path):
     assert b"<title>Two</title>" in shared.path.read_bytes()
 
 
-def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, tmp_path, monkeypatch):
+def test_a_single_file_is_not_written_over_others_nor_for_long_streams(
+    stream: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mine = tmp_path / "mine.html"
     mine.write_text("<p>mine")
     with refuses("output.not_ours", file=mine):
@@ -209,7 +213,7 @@ def test_a_single_file_is_not_written_over_others_nor_for_long_streams(stream, t
     assert mine.read_text() == "<p>mine"
 
 
-def test_an_intro_must_be_a_camera_path(stream, tmp_path):
+def test_an_intro_must_be_a_camera_path(stream: Path, tmp_path: Path) -> None:
     with refuses("camera_path.invalid_key"):
         (tmp_path / "a.json").write_text('{"format": "v3studio-camera-path", "version": 1, "keys": []}')
         read_intro(tmp_path / "a.json", str(stream))
@@ -225,12 +229,12 @@ def test_an_intro_must_be_a_camera_path(stream, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "30", "30,x", "nan,10", "30,10,0", "30,10,2,0,0", '30,10"><script>'])
-def test_a_view_must_be_one(text):
+def test_a_view_must_be_one(text: str) -> None:
     with refuses("share.view", value=text):
         read_view(text)
 
 
-def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
+def test_without_the_player_or_a_stream(stream: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with refuses("stream.not_found", file=str(tmp_path / "none")):
         share(str(tmp_path / "none"), tmp_path / "site")
     with refuses("source.file_missing", file=tmp_path / "manifest.json"):
@@ -250,7 +254,7 @@ def test_without_the_player_or_a_stream(stream, tmp_path, monkeypatch):
     assert not (tmp_path / "site").exists()
 
 
-def test_the_command_says_what_it_wrote(here, stream, tmp_path):
+def test_the_command_says_what_it_wrote(here: Callable[..., Done], stream: Path, tmp_path: Path) -> None:
     write_path_keys([Key(3.0, CAMERA, 5.0), Key(4.5, CAMERA, 0.0)], tmp_path / "path.json")
     words = ("--title", "One", "--credits", "Two", "--license", "Three", "--description", "Four <walks>")
     options = (*words, "--intro", tmp_path / "path.json", "--view=-30,10")
@@ -276,7 +280,7 @@ def test_the_command_says_what_it_wrote(here, stream, tmp_path):
         assert json.loads(done.stdout.splitlines()[-1])["code"] == "command.invalid_option"
 
 
-def test_files_with_which_playback_begins(tmp_path):
+def test_files_with_which_playback_begins(tmp_path: Path) -> None:
     # what the manifest names could end the script element, or be elsewhere.
     assert first_files(b"{") == first_files(b"[]") == first_files(b'{"groups": [{"renditions": []}]}') == []
     three = bake_numbered(tmp_path / "three", (2,), 12.0, settings=BakeSettings(preset="ultrafast"))
