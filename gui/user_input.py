@@ -14,7 +14,7 @@ from v3studio.gui.models.loop import LOOP
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.platform.closing import CloseRequests
-from v3studio.gui.platform.input_order import InputOrder
+from v3studio.gui.platform.input_order import InputOrder, Kind
 from v3studio.gui.platform.menu_bar import MenuBar
 from v3studio.gui.platform.presses import Chords, key_code, typed_code
 from v3studio.gui.widgets.dialogs.base import Dialogs
@@ -162,7 +162,7 @@ class UserInput:
         if keys.came_to_rest():
             self._chords.release_all()
             self._actions.search.show_expected()
-        if came - {"move", "key up"}:  # a frame that the toolkit drops would hide what they did
+        if came - {Kind.MOVE, Kind.KEY_UP}:  # a frame that the toolkit drops would hide what they did
             self._changed()
         keys.reports.dialog = bool(dialogs.name)  # what came may have closed it
         if keys.reports.escape_kept():  # by a text field, which only restores its text
@@ -193,18 +193,18 @@ class UserInput:
             return None
         return (pointer[0] - view.frame.x) / view.frame.width, (pointer[1] - view.frame.y) / view.frame.height
 
-    def _pointed(self, kind: str, button: int, x: int, y: int) -> bool:
+    def _pointed(self, kind: Kind, button: int, x: int, y: int) -> bool:
         """Whether the toolkit is to see that the pointer is moved or a button is pressed at a position."""
         if self._dialogs.name:
             self._menu_bar.closed()
             return True
-        if kind == "press" and button == 1:
+        if kind == Kind.PRESS and button == 1:
             settings = self._settings()
             self._panels.hints.press(x, y, (*self._panels.controls.lists, *settings.lists))
             settings.press(x, y)
-        if kind == "move":
+        if kind == Kind.MOVE:
             self._menu_bar.move(x, y)
-        return kind == "move" or button != 1 or self._menu_bar.press(x, y)
+        return kind == Kind.MOVE or button != 1 or self._menu_bar.press(x, y)
 
     def item_chosen(self, item: Item[Actions]) -> None:
         """An item of a menu was chosen, which closes the menu. It acts before the next tick or key: the toolkit reports

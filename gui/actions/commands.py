@@ -10,7 +10,7 @@ from open3d.visualization import gui
 from v3studio.gui.actions.edits import EditActions
 from v3studio.gui.actions.help import HelpActions
 from v3studio.gui.actions.marks import MarkActions
-from v3studio.gui.actions.menus import Item
+from v3studio.gui.actions.menus import Item, Needs
 from v3studio.gui.actions.opening import OpenDialogs
 from v3studio.gui.actions.output import OutputActions
 from v3studio.gui.actions.path import PathActions
@@ -27,6 +27,7 @@ from v3studio.gui.layout import Layout
 from v3studio.gui.models.notices import Notices
 
 Action = Callable[[], object]
+NOTHING, TAKE, SPLATS = Needs.NOTHING, Needs.TAKE, Needs.SPLATS
 
 SWITCHES = frozenset(getattr(gui.KeyName, name) for name in (*"ABDFIJLOPSTVWX", "SPACE"))
 """Keys that act once while they are held; otherwise they would switch back and forth. None that opens a text field: the
@@ -60,7 +61,7 @@ class Actions:
 
     def act(self, item: "Item[Actions]") -> None:
         """Do what an item of the menus stands for: what needs an open take, without the start page over it."""
-        if item.needs and self.screen.shown and not self.screen.hide():
+        if item.needs != NOTHING and self.screen.shown and not self.screen.hide():
             self.notices.show("Open a take or a stream first.")
         else:
             item.act(self)
@@ -68,13 +69,13 @@ class Actions:
     def why_not(self, item: "Item[Actions]") -> str:
         """Why an item of the menus is not possible now; "" if it is."""
         opened = self.review.player.opened
-        if item.needs and opened is None:
+        if item.needs != NOTHING and opened is None:
             return "No take or stream is open."
-        if item.needs == "take" and opened is not None and opened.take is None:
+        if item.needs == TAKE and opened is not None and opened.take is None:
             return "No take is open."
         if item.lacks is not None and not item.lacks[0](self):
             return item.lacks[1]
-        return "Nothing is trained yet." if item.needs == "splats" and opened and not opened.sources else ""
+        return "Nothing is trained yet." if item.needs == SPLATS and opened and not opened.sources else ""
 
     def for_key(self, event: gui.KeyEvent, again: bool = False) -> Action | None:
         """The action of a key; None if it has none, or if it is one of `SWITCHES` and is held (`again`)."""
@@ -137,37 +138,37 @@ NOT_SERVED: Lack = (lambda do: do.shares.serving, "Nothing is served.")
 
 MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a line between items
     "File": (
-        Item("new", "New take from footage...", lambda do: do.opening.new_take(), needs=""),
-        Item("open", "Open take, stream or cast...", lambda do: do.opening.ask(), needs=""),
-        Item("address", "Open stream from URL...", lambda do: do.opening.ask_address(), needs=""),
+        Item("new", "New take from footage...", lambda do: do.opening.new_take(), needs=NOTHING),
+        Item("open", "Open take, stream or cast...", lambda do: do.opening.ask(), needs=NOTHING),
+        Item("address", "Open stream from URL...", lambda do: do.opening.ask_address(), needs=NOTHING),
         None,
         Item("screenshot", "Save screenshot...", lambda do: do.outputs.screenshot()),
-        Item("report", "Write HTML report", lambda do: do.outputs.report(), needs="take"),
+        Item("report", "Write HTML report", lambda do: do.outputs.report(), needs=TAKE),
         None,
-        Item("preferences", "Preferences...", lambda do: do.preferences.ask(), needs=""),
-        Item("quit", "Quit", lambda do: do.runs.quit(), needs=""),
+        Item("preferences", "Preferences...", lambda do: do.preferences.ask(), needs=NOTHING),
+        Item("quit", "Quit", lambda do: do.runs.quit(), needs=NOTHING),
     ),
     "Edit": (
         Item("undo", "Undo", lambda do: do.edits.undo(), "Ctrl+Z", lacks=NO_UNDO),
         Item("redo", "Redo", lambda do: do.edits.redo(), "Ctrl+Shift+Z", lacks=NO_REDO),
         None,
-        Item("edit", "Trim, crop, clean", lambda do: do.edits.show(), "X", needs="take"),
+        Item("edit", "Trim, crop, clean", lambda do: do.edits.show(), "X", needs=TAKE),
     ),
     "View": (
         Item("reset", "Reset view", lambda do: do.review.views.reset(), "R"),
         Item("camera", "Next capture camera", lambda do: do.review.player.next_camera(), "C", lacks=NO_CAMERAS),
         Item("span", "Select span: from here, to here, none", lambda do: do.review.step_span(), "T"),
         None,
-        Item("scene", "Scene: splats, cameras, points", lambda do: do.review.choose("scene"), "O", needs="splats"),
+        Item("scene", "Scene: splats, cameras, points", lambda do: do.review.choose("scene"), "O", needs=SPLATS),
         None,
-        Item("worst", "Worst frames by camera...", lambda do: do.worst.show(), needs="take", lacks=NO_FIGURES),
-        Item("queue", "Queue of takes", lambda do: do.queue.show(), "Q", needs=""),
+        Item("worst", "Worst frames by camera...", lambda do: do.worst.show(), needs=TAKE, lacks=NO_FIGURES),
+        Item("queue", "Queue of takes", lambda do: do.queue.show(), "Q", needs=NOTHING),
         None,
-        Item("start", "Start page", lambda do: do.screen.toggle(), "H", needs=""),
+        Item("start", "Start page", lambda do: do.screen.toggle(), "H", needs=NOTHING),
         Item("figures", "Inspector and log", lambda do: do.layout.toggle_figures(), "I"),
         Item("log", "Job log, large", lambda do: do.layout.toggle_log(), "J"),
         Item("log_warnings", "Job log: warnings only, all lines", lambda do: do.layout.toggle_warnings()),
-        Item("fullscreen", "Fullscreen", lambda do: do.layout.toggle_fullscreen(), "F", needs=""),
+        Item("fullscreen", "Fullscreen", lambda do: do.layout.toggle_fullscreen(), "F", needs=NOTHING),
     ),
     "Mark": (
         Item("mark", "Mark frame...", lambda do: do.marks.ask(), "M"),
@@ -176,29 +177,29 @@ MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a li
         Item("marks", "All marks...", lambda do: do.marks.show()),
     ),
     "Export": (
-        Item("export", "Export...", lambda do: do.outputs.export(), needs="splats"),
+        Item("export", "Export...", lambda do: do.outputs.export(), needs=SPLATS),
         None,
         Item("path", "Camera path editor", lambda do: do.path.toggle(), "P"),
-        Item("add_key", "Add view to camera path", lambda do: do.path.add(), "K", needs="splats"),
-        Item("read_keys", "Camera path from file...", lambda do: do.path.ask_file(), needs="splats"),
+        Item("add_key", "Add view to camera path", lambda do: do.path.add(), "K", needs=SPLATS),
+        Item("read_keys", "Camera path from file...", lambda do: do.path.ask_file(), needs=SPLATS),
         Item("clear_keys", "Clear camera path", lambda do: do.path.clear(), lacks=NO_PATH),
         None,
-        Item("stop_export", "Stop export", lambda do: do.outputs.stop(), needs="", lacks=NO_EXPORT),
+        Item("stop_export", "Stop export", lambda do: do.outputs.stop(), needs=NOTHING, lacks=NO_EXPORT),
     ),
     "Share": (
         Item("share folder", "Folder for a web server...", lambda do: do.shares.ask("folder")),
         Item("share single-file", "Single HTML file...", lambda do: do.shares.ask("single-file")),
         None,
         Item("serve", "Serve with QR code...", lambda do: do.shares.serve()),
-        Item("stop_serving", "Stop serving", lambda do: do.shares.stop_serving(), needs="", lacks=NOT_SERVED),
+        Item("stop_serving", "Stop serving", lambda do: do.shares.stop_serving(), needs=NOTHING, lacks=NOT_SERVED),
     ),
     "Help": (
         Item("stage_help", "What to look for", lambda do: do.help.show_stage(), "F1"),
         None,
-        Item("search", "Find a command...", lambda do: do.search.show(), "Ctrl+K", needs=""),
-        Item("shortcuts", "Shortcuts", lambda do: do.help.show_shortcuts(MENUS), "?", needs=""),
+        Item("search", "Find a command...", lambda do: do.search.show(), "Ctrl+K", needs=NOTHING),
+        Item("shortcuts", "Shortcuts", lambda do: do.help.show_shortcuts(MENUS), "?", needs=NOTHING),
         None,
-        Item("about", "About", lambda do: do.help.about(), needs=""),
+        Item("about", "About", lambda do: do.help.about(), needs=NOTHING),
     ),
 }
 

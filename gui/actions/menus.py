@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any, Generic, TypeVar
 
 from open3d.visualization import gui
@@ -9,6 +10,15 @@ from open3d.visualization import gui
 from v3studio.gui.widgets.picture import text_room
 
 Acting = TypeVar("Acting")
+
+
+class Needs(Enum):
+    """What must be open for a command; only those that need nothing act while the start page covers it."""
+
+    NOTHING = auto()
+    STREAM = auto()  # a take or a stream
+    TAKE = auto()
+    SPLATS = auto()  # a take or a stream in which something is trained
 
 
 @dataclass(frozen=True)
@@ -19,9 +29,7 @@ class Item(Generic[Acting]):
     label: str  # what it does; ends with "..." if it asks for more first
     act: Callable[[Acting], object]
     shortcut: str = ""
-    # what must be open: "open" a take or a stream, "take" a take, "splats" one in which something is trained, ""
-    # nothing: only these act while the start page covers the open take or stream
-    needs: str = "open"
+    needs: Needs = Needs.STREAM
     # what else it needs, as a value that is true if it is there, and what is said if it is not
     lacks: tuple[Callable[[Acting], object], str] | None = None
 

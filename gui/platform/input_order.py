@@ -12,13 +12,22 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from enum import Enum
 
 from v3studio.gui.platform.presses import KeyReports, Press
 from v3studio.gui.platform.x_window import BUTTONS
 from v3studio.gui.platform.xlib import ESCAPE, EXPOSE, EXPOSURE_MASK, Connection, InputEvent, errors_ignored
 
-Kind = Literal["press", "release", "key", "key up", "move"]
+
+class Kind(Enum):
+    """Kinds of events: of mouse buttons, keys and the pointer."""
+
+    PRESS = "press"
+    RELEASE = "release"
+    KEY = "key"
+    KEY_UP = "key up"
+    MOVE = "move"
+
 
 PLAIN = "V3STUDIO_PLAIN_INPUT"  # environment variable that turns this off if it is 1
 LAG = 4  # ticks after which an event has surely been drawn, if drawing did not take longer
@@ -28,7 +37,8 @@ _NAMED = range(0xFF00, 0x10000)
 """Key symbols that type no character: the toolkit polls these, while it has a queue for characters."""
 
 _KINDS: dict[int, tuple[Kind, int]] = {
-    2: ("key", 1 << 0), 3: ("key up", 1 << 1), 4: ("press", 1 << 2), 5: ("release", 1 << 3), 6: ("move", 1 << 6),
+    2: (Kind.KEY, 1 << 0), 3: (Kind.KEY_UP, 1 << 1), 4: (Kind.PRESS, 1 << 2), 5: (Kind.RELEASE, 1 << 3),
+    6: (Kind.MOVE, 1 << 6),
 }  # fmt: skip
 """Kind and mask by the type of an X event."""
 
@@ -44,7 +54,7 @@ class Input:
     code: int  # the button, or the key's code; 0 for a move
     typed: bool  # whether the key only types a character
     repeated: bool  # whether the key was down already
-    event: InputEvent
+    raw: InputEvent
 
 
 class Order:
@@ -67,12 +77,12 @@ class Order:
     def ordered(self, events: Sequence[Input]) -> Iterator[Input | None]:
         """The events, and None where the window must be drawn. Of moves in a row, only the last is kept."""
         for number, event in enumerate(events):
-            if event.kind == "move" and number + 1 < len(events) and events[number + 1].kind == "move":
+            if event.kind == Kind.MOVE and number + 1 < len(events) and events[number + 1].kind == Kind.MOVE:
                 continue
             for _ in range(self._draws_before(event)):
                 self._unseen.clear()
                 yield None
-            if event.kind in ("press", "release", "key") and not self._is_wheel(event):
+            if event.kind in (Kind.PRESS, Kind.RELEASE, Kind.KEY) and not self._is_wheel(event):
                 self._unseen[self._name(event)] = self._tick
             yield event
 
@@ -80,11 +90,11 @@ class Order:
         unseen = self._unseen
         if self._is_wheel(event):
             return 0
-        if event.kind in ("move", "release"):
+        if event.kind in (Kind.MOVE, Kind.RELEASE):
             return int("press" in unseen)
-        if event.kind == "press":
+        if event.kind == Kind.PRESS:
             return int(bool(unseen))
-        if event.kind == "key up":
+        if event.kind == Kind.KEY_UP:
             return int(f"key {event.code}" in unseen)
         if "press" in unseen or "release" in unseen:
             return 2  # a text field takes keys from the second draw after a click on
@@ -93,18 +103,18 @@ class Order:
 
     @staticmethod
     def _is_wheel(event: Input) -> bool:
-        return event.kind in ("press", "release") and event.code in _WHEEL
+        return event.kind in (Kind.PRESS, Kind.RELEASE) and event.code in _WHEEL
 
     @staticmethod
     def _name(event: Input) -> str:
-        if event.kind == "key":
+        if event.kind == Kind.KEY:
             return "typed" if event.typed else f"key {event.code}"
-        return event.kind
+        return str(event.kind.value)
 
 
 class InputOrder(Connection):
-    """Passes input on in order. Call `poll` at each tick. `window`: the X window of the toolkit; with None, nothing has
-    an effect. The child window goes with `close`."""
+    """Passes input events on. Call `poll` at each tick. `window`: the X window of the toolkit; None for none, and then
+    nothing has an effect. The child window goes with `close`."""
 
     def __init__(self, window: int | None) -> None:
         super().__init__(window is not None and os.environ.get(PLAIN) != "1")
@@ -171,29 +181,30 @@ class InputOrder(Connection):
                 self._note(event)
         return {event.kind for event in events}
 
-    def _note(self, item: Input | None) -> None:
+    def _note(self, event: Input | None) -> None:
         """Note a key that was passed on."""
-        if item is None:
+        if event is None:
             return
-        if item.kind == "key":
-            self.pressed(item.code)
+        if event.kind == Kind.KEY:
+            self.pressed(event.code)
             self._typing = True
-            control, shift = bool(item.event.state & _CONTROL), bool(item.event.state & _SHIFT)
-            self.reports.press(Press(item.code, item.repeated, control, shift))
-        elif item.kind == "key up" and item.code == ESCAPE:
+            control, shift = bool(event.raw.state & _CONTROL), bool(event.raw.state & _SHIFT)
+            self.reports.press(Press(event.code, event.repeated, control, shift))
+        elif event.kind == Kind.KEY_UP and event.code == ESCAPE:
             self.reports.escape_released()
 
     def _of_earlier(self) -> list[Input]:
-        """Take out the kept releases of keys whose presses are not kept."""
+        """Take out of what is kept the releases whose presses are not in it."""
         pressed: set[int] = set()
-        orphans: list[Input] = []
+        releases: list[Input] = []
         kept: list[Input] = []
-        for item in self._kept:
-            if item.kind == "key":
-                pressed.add(item.code)
-            (orphans if item.kind == "key up" and item.code not in pressed else kept).append(item)
+        for event in self._kept:
+            if event.kind == Kind.KEY:
+                pressed.add(event.code)
+            is_earlier = event.kind == Kind.KEY_UP and event.code not in pressed
+            (releases if is_earlier else kept).append(event)
         self._kept = kept
-        return orphans
+        return releases
 
     def _read(self) -> Iterator[Input]:
         while self._x.XPending(self._display):
@@ -203,44 +214,45 @@ class InputOrder(Connection):
                 continue
             kind = _KINDS[event.type][0]
             typed = repeated = False
-            if kind == "key":
+            if kind == Kind.KEY:
                 repeated = event.code in self._down
                 typed = self._x.XLookupKeysym(ctypes.byref(event), 0) not in _NAMED and not event.state & _CONTROL
-            yield Input(kind, 0 if kind == "move" else event.code, typed, repeated, event)
+            yield Input(kind, 0 if kind == Kind.MOVE else event.code, typed, repeated, event)
 
-    def _is_meant(self, item: Input) -> bool:
+    def _is_meant(self, event: Input) -> bool:
         """False for repeats of a key that was down when a dialog began to open, such as the one that opened it."""
-        if item.kind == "key up":
-            self._down.discard(item.code)
-            self._stale.discard(item.code)
-        elif item.kind == "key":
-            self._down.add(item.code)
-            return item.code not in self._stale
+        if event.kind == Kind.KEY_UP:
+            self._down.discard(event.code)
+            self._stale.discard(event.code)
+        elif event.kind == Kind.KEY:
+            self._down.add(event.code)
+            return event.code not in self._stale
         return True
 
-    def _is_wanted(self, item: Input) -> bool:
-        if item.kind in ("move", "press", "release"):
-            self.pointer = item.event.x, item.event.y
-            self._note_buttons(item)
-        if item.kind == "release" and item.code in self._dropped:
-            self._dropped.discard(item.code)
+    def _is_wanted(self, event: Input) -> bool:
+        if event.kind in (Kind.MOVE, Kind.PRESS, Kind.RELEASE):
+            self.pointer = event.raw.x, event.raw.y
+            self._note_buttons(event)
+        if event.kind == Kind.RELEASE and event.code in self._dropped:
+            self._dropped.discard(event.code)
             return False
-        if item.kind in ("move", "press") and not self.wanted(item.kind, item.code, item.event.x, item.event.y):
-            self._dropped.add(item.code)
+        pointed = event.kind in (Kind.MOVE, Kind.PRESS)
+        if pointed and not self.wanted(event.kind, event.code, event.raw.x, event.raw.y):
+            self._dropped.add(event.code)
             return False
         return True
 
-    def _note_buttons(self, item: Input) -> None:
-        bit = 1 << item.code + 7 if item.code in (1, 2, 3) else 0  # Button1Mask and so on; a move has no code
-        before = item.event.state & BUTTONS
-        self.buttons = before & ~bit if item.kind == "release" else before | bit
+    def _note_buttons(self, event: Input) -> None:
+        bit = 1 << event.code + 7 if event.code in (1, 2, 3) else 0  # Button1Mask and so on; a move has no code
+        before = event.raw.state & BUTTONS
+        self.buttons = before & ~bit if event.kind == Kind.RELEASE else before | bit
 
-    def _send(self, item: Input | None) -> None:
+    def _send(self, passed: Input | None) -> None:
         """Pass an event on to the toolkit; None for a request to draw."""
-        if item is None:
+        if passed is None:
             event, mask = InputEvent(type=EXPOSE), EXPOSURE_MASK
         else:
-            event, mask = item.event, _KINDS[item.event.type][1]
+            event, mask = passed.raw, _KINDS[passed.raw.type][1]
             event.subwindow = 0
         event.window, event.display = self._window, self._display
         self._x.XSendEvent(self._display, self._window, 0, mask, ctypes.byref(event))
