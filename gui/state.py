@@ -16,6 +16,7 @@ from v3studio.gui.layout import Layout, Panels
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.stage_rows import TITLES
 from v3studio.gui.models.take.exports import Exports
 from v3studio.gui.models.take.serving import Serving
 from v3studio.gui.models.take.workspace import Workspace
@@ -81,7 +82,7 @@ def dialog_state(dialogs: Dialogs) -> JsonObject:
 
 def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: StageViews, dialogs: Dialogs) -> JsonObject:
     """Where widgets are, and what they show."""
-    start, inspector, timeline = panels.start, panels.inspector, panels.timeline
+    start, timeline = panels.start, panels.timeline
     widgets = {
         name: widget
         for name, widget in _widgets(panels, views, dialogs).items()
@@ -94,15 +95,12 @@ def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: Stage
         "figures": layout.shows_figures,
         "upcoming": panels.stages.upcoming,  # the button to press next
         "error": panels.stages.error.text,  # in the left panel
-        # places of the buttons in the log
-        "fixes": inspector.view.areas.middles(inspector.log.size) if layout.shows_figures else {},
         "menu_camera": panels.camera_menu.camera,
-        "places": _places(views, panels.viewport.picture_size),
+        "parts": _parts(panels, layout, views, dialogs),
         "pictures": panels.viewport.pictures,
         "plots": [plot.title for plot in timeline.plots],
         "start": start.shown,
         "cards": [[card.name, card.words, card.quality] for card in start.page.shown],
-        "start_places": start.places if start.shown else {},
         "focus": start.page.focus if start.shown else "",
         "timeline_left": timeline.plots_view.left,  # column where frame 0 begins
         "timeline_width": timeline.plots_view.timeline.width,  # columns of all frames
@@ -115,13 +113,23 @@ def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: Stage
     }
 
 
-def _places(views: StageViews, size: tuple[int, int]) -> dict[str, list[float]]:
-    """Places of the cameras in the view, and of the ends of the scene's axes; those in front are last."""
-    view = views.stage_view
+def _parts(panels: Panels, layout: Layout, views: StageViews, dialogs: Dialogs) -> dict[str, dict[str, list[float]]]:
+    """Places in the widgets that are images, by the names by which tests find them: of cameras and the ends of the
+    scene's axes in the view, those in front last; of stages; of buttons in the log; of what the start page offers; of
+    the strip of images and the plots in the timeline; and of what is in the open dialog."""
+    log, view, timeline = panels.inspector, views.stage_view, panels.timeline
     cameras, ends = views.player.scene_places
-    scene = (*cameras, *ends) if views.shows_scene else ()
-    places = scene if view is None else view.places
-    return {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in places}
+    shown = view.places if view is not None else (*cameras, *ends) if views.shows_scene else ()
+    size = panels.viewport.picture_size
+    strip = timeline.strip_height / timeline.picture.size[1]
+    return {
+        "viewport": {name: [round(float(at), 4) for at in corners.mean(axis=0) / size] for name, corners in shown},
+        "stages": {stage: [0.3, round((row + 0.5) / len(TITLES), 3)] for row, stage in enumerate(TITLES)},
+        "log": log.view.areas.middles(log.log.size) if layout.shows_figures else {},
+        "start page": panels.start.places if panels.start.shown else {},
+        "timeline": {"images": [0.5, strip / 2], "plots": [0.5, (1 + strip) / 2]},
+        **{f"dialog {key}": parts() for key, parts in dialogs.parts.items()},
+    }
 
 
 def _widgets(panels: Panels, views: StageViews, dialogs: Dialogs) -> dict[str, gui.Widget]:

@@ -7,6 +7,7 @@ from typing import Any, Generic, TypeVar
 
 from open3d.visualization import gui
 
+from v3studio.gui.platform.menu_bar import TITLE_ENDS
 from v3studio.gui.widgets.picture import text_room
 
 Acting = TypeVar("Acting")
@@ -47,8 +48,9 @@ class Item(Generic[Acting]):
 Menus = Mapping[str, Sequence[Item[Any] | None]]
 """Items by title of the menu; None is a line between them."""
 
-ROW, SEPARATOR, MARGINS, WIDER = 1.52, 0.4, 0.4, 6.6
-"""Heights in a menu, and its width beyond its longest item, in font sizes, measured: the toolkit draws menus itself."""
+ROW, SEPARATOR, MARGINS, FIRST, WIDER = 1.52, 0.4, 0.4, 1.31, 6.6
+"""Heights in a menu, the middle of its first item, and its width beyond its longest item, in font sizes, measured: the
+toolkit draws menus itself."""
 
 
 def boxes(menus: Menus, em: float) -> list[tuple[float, float]]:
@@ -59,6 +61,20 @@ def boxes(menus: Menus, em: float) -> list[tuple[float, float]]:
         height = MARGINS + ROW * len(items) + SEPARATOR * (len(entries) - len(items))
         sizes.append((WIDER * em + max(text_room(item.text, em) for item in items), height * em))
     return sizes
+
+
+def places(menus: Menus, em: float) -> dict[str, tuple[float, float]]:
+    """Where the titles and the open menu's items are, by title or key: pixels right of and below the upper left corner
+    of the window's content; `em` is the font size."""
+    where: dict[str, tuple[float, float]] = {}
+    for (title, entries), left, right in zip(menus.items(), (0.0, *TITLE_ENDS), TITLE_ENDS, strict=False):
+        across, down = (left + right) / 2 * em, FIRST * em
+        where[title] = across, -0.75 * em
+        for item in entries:
+            if item is not None:
+                where[item.key] = across + em, down
+            down += (SEPARATOR if item is None else ROW) * em
+    return where
 
 
 def build(application: gui.Application, menus: Menus) -> None:

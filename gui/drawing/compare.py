@@ -53,6 +53,10 @@ class Box:
         """Whether a pixel is in it."""
         return self.x <= x < self.x + self.width and self.y <= y < self.y + self.height
 
+    def middle(self, size: tuple[int, int]) -> list[float]:
+        """Its middle, 0 to 1 across and down an image of a size (width, height)."""
+        return [round((self.x + self.width / 2) / size[0], 4), round((self.y + self.height / 2) / size[1], 4)]
+
 
 def boxes(size: tuple[int, int], count: int, shape: float, label: int = 0) -> list[Box]:
     """Equal boxes in rows that fill an image, for what is `shape` (width by height) and as large as possible. `label`:

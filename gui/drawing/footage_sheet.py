@@ -42,6 +42,12 @@ class FootageSheet:
         places = boxes((self.size[0], self.size[1] - top), count, 1e-3)  # in one row
         return {frame: replace(place, y=top) for frame, place in zip(self.found.strip, places, strict=False)}
 
+    @property
+    def places(self) -> dict[str, list[float]]:
+        """The middles of the cameras, and of the frames as "frame NUMBER", 0 to 1 across and down."""
+        named = {**self.cameras, **{f"frame {frame}": box for frame, box in self.frames.items()}}
+        return {name: box.middle(self.size) for name, box in named.items()}
+
     def camera_at(self, x: float, y: float) -> str:
         """The camera at a pixel; "" if there is none."""
         return next((name for name, box in self.cameras.items() if box.holds(x, y)), "")

@@ -7,7 +7,7 @@ a menu closes it if it chooses an item, which the toolkit tells, and else leaves
 
 from collections.abc import Callable, Sequence
 
-_TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
+TITLE_ENDS = (2.56, 5.12, 7.94, 11.06, 14.37, 17.56, 20.63)
 """Right ends of the titles of `gui.actions.commands.MENUS` in font sizes, measured: the toolkit draws them unasked."""
 
 
@@ -17,7 +17,7 @@ class MenuBar:
 
     def __init__(self, em: float, boxes: Sequence[tuple[float, float]], height: Callable[[], float]) -> None:
         self._boxes, self._height = boxes, height
-        self._ends = [end * em for end in _TITLE_ENDS]
+        self._ends = [end * em for end in TITLE_ENDS]
         self._open: int | None = None
         self._followed = False
 

@@ -64,6 +64,12 @@ class CommandList:
         row = self.first + int(y * ROWS // max(height, 1))
         return row if 0 <= row < len(self.found) else None
 
+    @property
+    def places(self) -> dict[str, list[float]]:
+        """The middles of the rows in view, by their words, 0 to 1 across and down."""
+        shown = self.found[self.first : self.first + ROWS]
+        return {command.words: [0.5, round((row + 0.5) / ROWS, 3)] for row, command in enumerate(shown)}
+
     def image(self, width: int, em: float) -> np.ndarray:
         """(ROWS * row height, width, 3) uint8: menu, words and shortcut of each; of those that are not possible now,
         the reason. At the right, which part of the list that is, if it is not all of it."""

@@ -73,6 +73,11 @@ class TimelinePanel:
         return max(round(ASPECT * height), 1), max(height, 1)
 
     @property
+    def strip_height(self) -> float:
+        """Height of the strip of images, pixels; 0 if there is none."""
+        return self._picture_size[1] if has_pictures(self._player) else 0.0
+
+    @property
     def _kept(self) -> range | None:
         """The frames that the trim of the open take keeps; None for all."""
         trim = self._player.opened.trim if self._player.opened is not None else None

@@ -22,9 +22,9 @@ from tests.support.waiting import POLL, HandClock, wait_until
 from tests.support.warm_python import warm_python
 from tests.support.x_server import x_server
 from v3studio.gui.actions.commands import MENUS
+from v3studio.gui.actions.menus import places
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.sources import load
-from v3studio.gui.models.stage_rows import TITLES
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import close_all
 from v3studio.gui.pages.stage_views import StageViews
@@ -42,6 +42,9 @@ FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
 SIZE = "1024x800"
 """Of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
+
+EM = 16
+"""Font size of the window on the private X server, pixels."""
 
 CLICK = ("mousedown", 1, "mouseup", 1)
 """Arguments of xdotool."""
@@ -78,7 +81,7 @@ def write_stream(folder: Path, made: Callable[[int], Gaussians] = body) -> None:
 
 @pytest.fixture(scope="session")
 def stream_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of `write_stream`."""
+    """A folder with what `write_stream` writes."""
     return made_once(tmp_path_factory, "walking stream", write_stream)
 
 
@@ -96,7 +99,7 @@ def take_copy(finished: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def threads_end() -> Iterator[None]:
-    """In time, as with the window."""
+    """Fails if threads do not end in time, as with the window."""
     yield
     assert close_all()
 
@@ -104,18 +107,18 @@ def threads_end() -> Iterator[None]:
 @pytest.fixture
 def workspace() -> Iterator[Workspace]:
     """A workspace without a take."""
-    found = Workspace()
-    yield found
-    if found.job is not None:
-        found.job.cancel()
+    workspace = Workspace()
+    yield workspace
+    if workspace.job is not None:
+        workspace.job.cancel()
 
 
 @pytest.fixture
 def views(workspace: Workspace) -> Iterator[StageViews]:
     """The stage views of that workspace."""
-    found = StageViews(workspace, PlayerPresenter(read_mesh=RaycastMesh))
-    yield found
-    assert found.player.close()
+    views = StageViews(workspace, PlayerPresenter(read_mesh=RaycastMesh))
+    yield views
+    assert views.player.close()
 
 
 @pytest.fixture
@@ -149,6 +152,11 @@ State = dict[str, Any]
 Place = tuple[float, float]
 Until = tuple[str, Callable[[State], bool]]
 """What to wait for after an action, as `RunningWindow.wait_for` takes it."""
+
+
+def ready(state: State) -> bool:
+    """Whether an opened take or stream is shown."""
+    return bool(not state["start"] and not state["opening"] and state["settled"] and state["shown"] is not None)
 
 
 class RunningWindow:
@@ -213,7 +221,7 @@ class RunningWindow:
         self._fail(f"no state with {what} (status {self.process.poll()})\n{self._story()}")
 
     def saw(self, what: str, accept: Callable[[State], bool]) -> State:
-        """As `wait_for`, for a state that passes: any state so far counts, also if it is over."""
+        """Wait for a state that passes: any state so far counts, also if it is over."""
         self.wait_for(what, lambda _: any(map(accept, self.states())))
         return next(filter(accept, self.states()))
 
@@ -224,7 +232,7 @@ class RunningWindow:
         pytest.fail(why)
 
     def _story(self, changes: int = 12) -> str:
-        """What changed last, and what the window has said."""
+        """Tell what changed last, and what the window has said."""
         states = self.states()
         lines = []
         for before, after in itertools.pairwise(states[-changes - 1 :]):
@@ -243,8 +251,8 @@ class RunningWindow:
         """Left, top, width and height of a widget on the screen, once it has been still for some ticks."""
         left, top, width, height = self._place(widget, still)
         if not self._corner:  # without a window manager, nothing moves the window
-            found = self.xdotool("search", "--name", "V3 Studio", "getwindowgeometry", "--shell", "%1").splitlines()
-            geometry = dict(line.split("=") for line in found if "=" in line)
+            lines = self.xdotool("search", "--name", "V3 Studio", "getwindowgeometry", "--shell", "%1").splitlines()
+            geometry = dict(line.split("=") for line in lines if "=" in line)
             self._corner = [int(geometry["X"]), int(geometry["Y"])]
         return self._corner[0] + left, self._corner[1] + top, width, height
 
@@ -293,10 +301,18 @@ class RunningWindow:
         left, width = state["timeline_left"], state["timeline_width"]
         return float((left + (frame + 0.5) / state["frames"] * width) / state["widgets"]["timeline"][2])
 
+    def on_timeline(self, frame: int, what: str = "plots") -> Place:
+        """Where a frame is on the timeline: over its "images", which select a span, or its "plots"."""
+        return self.across_frame(frame), self.part("timeline", what)[1]
+
+    def select_span(self, first: int, last: int) -> State:
+        """Drag over the images of the timeline."""
+        span = (f"frames {first} to {last}", lambda s: s["span"] == [first, last])
+        return self.drag("timeline", self.on_timeline(first, "images"), self.on_timeline(last, "images"), until=span)
+
     def stage(self, name: str) -> None:
         """Click a stage in the list."""
-        left, top, width, height = self.box("stages", still=0)  # its place is always the same
-        self.press(left + int(0.3 * width), top + int((list(TITLES).index(name) + 0.5) / len(TITLES) * height))
+        self.choose("stages", name)
         at = self.wait_for(name, lambda s: s["stage"] == name)["pictures"]
         # during playback there is always another picture to render
         self.wait_for(f"{name} shown", lambda s: s["settled"] or s["pictures"] > at + 2)
@@ -306,22 +322,43 @@ class RunningWindow:
         """The widget whose upper left corner is that of the window's content."""
         return "start page" if self.states() and self.states()[-1]["start"] else "stages"
 
-    def choose(self, name: str, until: Until | None = None) -> State:
-        """Click a part of the start page."""
-        state = self.wait_for(f"{name} on the start page", lambda s: name in s["start_places"])
-        return self.click("start page", *state["start_places"][name], until=until)
+    def part(self, widget: str, name: str) -> Place:
+        """Where something is in a widget that is an image, 0 to 1 on both axes."""
+        state = self.wait_for(f"{name} in {widget}", lambda s: name in s["parts"].get(widget, {}))
+        across, down = state["parts"][widget][name]
+        return across, down
+
+    def choose(self, widget: str, name: str, button: int = 1, until: Until | None = None) -> State:
+        """Click a part of a widget that is an image."""
+        self.part(widget, name)
+        place = self.box(widget)  # parts move with their widget
+        at = self.part(widget, name)
+        x, y = (round(start + share * room) for start, share, room in zip(place, at, place[2:], strict=False))
+        return self.send("mousemove", x, y, "mousedown", button, "mouseup", button, until=until)
+
+    def menu_place(self, name: str) -> tuple[int, int]:
+        """Screen pixel of the title of a menu, or of an item of the open menu by its key."""
+        left, top, _, _ = self.box(self._whole, still=0)
+        across, down = places(MENUS, EM)[name]
+        return left + round(across), top + round(down)
 
     def menu(self, title: str, name: str, until: Until | None = None) -> State:
-        """Choose an item of a menu by the name of its action. The toolkit draws menus without reporting their frames;
-        the offsets were measured at its default font size."""
-        above = list(itertools.takewhile(lambda key: key != name, (item.key if item else "" for item in MENUS[title])))
-        separators = above.count("")
-        row = len(above) - separators
-        left, top, _, _ = self.box(self._whole, still=0)
-        middles = {"File": 22, "Edit": 61, "View": 104, "Mark": 151, "Export": 203, "Share": 257, "Help": 306}
-        across = left + middles[title]
-        self.press(across, top - 12)
-        return self.press(across + 20, top + 21 + round(24.3 * row + 6.4 * separators), until)
+        """Choose an item of a menu by its key."""
+        self.press(*self.menu_place(title))
+        return self.press(*self.menu_place(name), until)
+
+    def rest(self) -> None:
+        """Leave dialogs, notices and everything else that Escape leaves, and show the stream in Review."""
+        while (state := self.states()[-1])["dialog"]:
+            self.key("Escape", until=("no dialog", lambda s, open_=state["dialog"]: s["dialog"] != open_))
+        self.key("Escape")
+        self.stage("review")
+
+    def open(self, path: Path) -> State:
+        """Open a take or a stream; returns the state once it is shown."""
+        self.menu("File", "address", until=("the question", lambda s: s["dialog"] == "address" and s["typing"]))
+        self.enter_text("dialog line", str(path))
+        return self.key("Return", until=(path.name, lambda s: s["title"] == f"{path.name} - V3 Studio" and ready(s)))
 
     def click(self, widget: str, across: float = 0.5, down: float = 0.5, until: Until | None = None) -> State:
         """Press and release the left button on a widget."""
@@ -393,6 +430,25 @@ class RunningWindow:
         return self.process.wait(120)
 
 
+def assert_apart(window: RunningWindow, width: int, height: int) -> None:
+    """No two widgets of the layout overlap, and all are inside the window."""
+    window.drawn()  # what a state tells between two layouts is on no screen
+    shown = window.states()[-1]["widgets"]
+    frames = {name: np.array(frame) for name, frame in shown.items() if not name.startswith(("dialog", "hint"))}
+    frames = {name: frame for name, frame in frames.items() if not name.startswith("setting") and frame[2] > 0}
+    assert len(frames) > 15
+    for name, a in frames.items():
+        assert a[0] >= 0
+        assert a[0] + a[2] <= width, name
+        assert a[1] + a[3] <= height, name
+        assert min(a[2], a[3]) >= 16, f"{name} is too small to be used: {a}"
+        for other, b in frames.items():
+            if name < other:
+                across = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
+                down = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
+                assert across <= 0 or down <= 0, f"{name} {a} lies over {other} {b}"
+
+
 @pytest.fixture
 def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningWindow]]:
     """`open_window("PATH", ...)` starts the window; it is always closed after the test."""
@@ -406,3 +462,31 @@ def open_window(display: str, tmp_path: Path) -> Iterator[Callable[..., RunningW
     for window in windows:
         window.process.kill()
         window.process.wait()
+
+
+@pytest.fixture(scope="module")
+def take(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the finished take for all tests of a file."""
+    return Path(shutil.copytree(finished / "take", tmp_path_factory.mktemp("window") / "take"))
+
+
+@pytest.fixture(scope="module")
+def shared_window(display: str, take: Path, request: pytest.FixtureRequest) -> Iterator[RunningWindow]:
+    """A window on the take, for all tests of a file, which may have `ARGUMENTS` for it."""
+    arguments = getattr(request.module, "ARGUMENTS", ())
+    window = RunningWindow(display, take.with_name("state.jsonl"), str(take), *arguments)
+    try:
+        window.wait_for("the take", lambda s: ready(s) and s["stages"]["review"][0] == "done")
+        yield window
+        assert window.close() == 0, window.stderr.read_text()[-2000:]
+        assert "Traceback" not in window.stderr.read_text()
+        assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
+    finally:
+        window.process.kill()
+
+
+@pytest.fixture
+def window(shared_window: RunningWindow) -> RunningWindow:
+    """The window of the file, at rest. Tests take back what they change."""
+    shared_window.rest()
+    return shared_window

@@ -40,6 +40,8 @@ class Dialogs:
         self.em = window.theme.font_size
         self.widgets: dict[str, gui.Widget] = {}  # of the open dialog by key
         self.made: dict[str, gui.Widget] = {}  # of the dialog that is being built
+        # places in the images of the open dialog, 0 to 1 across and down, by the key of the image and by name
+        self.parts: dict[str, Callable[[], dict[str, list[float]]]] = {}
         self.name = ""  # of the open dialog; "" if none is open
         self.typing = False  # whether its text field has the keyboard focus
         self.lines: list[str] = []  # what the list in it shows, where that changes on its own
@@ -80,7 +82,7 @@ class Dialogs:
         if self.name:
             self._window.close_dialog()
         self.shade.visible = False
-        self.widgets, self.name, self.lines = {}, "", []
+        self.widgets, self.parts, self.name, self.lines = {}, {}, "", []
         self.pictures, self.on_key, self.on_press = [], None, None
         self.expected = False
 

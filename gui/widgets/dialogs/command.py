@@ -44,7 +44,7 @@ class CommandDialog:
         answers = [("run", "Run", self._enter), ("close", "Cancel", dialogs.close)]
         dialogs.show(NAME, "Commands", [edit, picture.widget, dialogs.label(KEYS)], answers, 40, self._enter)
         dialogs.widgets["line"] = edit
-        dialogs.widgets["list"] = picture.widget
+        dialogs.widgets["list"], dialogs.parts["list"] = picture.widget, lambda: self._list.places
         dialogs.pictures, dialogs.on_key, dialogs.on_press = [picture], self._key, self._press
         dialogs.focus(edit)
         dialogs.lay_out()

@@ -87,7 +87,7 @@ class NewTakeDialog:
         answers = [("create", "Create take", lambda: self._create(self._new)), ("close", "Cancel", self._close)]
         dialogs.show(NAME, "New take from footage", parts, answers, 110)
         dialogs.widgets |= form.widgets | self._fields | self._lists | {"sheet": self._picture.widget}
-        dialogs.pictures = [self._picture]
+        dialogs.pictures, dialogs.parts["sheet"] = [self._picture], lambda: self._sheet.places
         dialogs.focus(form.widgets["footage"])
         if not error:
             self._look()

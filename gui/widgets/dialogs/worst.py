@@ -107,7 +107,10 @@ class WorstDialog:
         earlier = " of an earlier bake" if evaluation.stale else ""
         dialogs.show(NAME, f"Worst frames{earlier}", parts, [("close", "Close", dialogs.close)], 110, dialogs.close)
         dialogs.widgets["sheet"] = self._picture.widget
-        dialogs.pictures = [self._picture]
+        dialogs.pictures, sheet = [self._picture], self._sheet
+        dialogs.parts["sheet"] = lambda: {
+            f"{worst.camera} {worst.frame}": box.middle(sheet.size) for worst, box in sheet.frames
+        }
 
     def update(self) -> None:
         """Another image has been rendered."""
