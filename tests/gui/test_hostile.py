@@ -66,14 +66,14 @@ def test_the_window_reports_damage_and_stays(
     paths.write_text(json.dumps([str(tmp_path / name) for name in REPORTED]))
     window = open_window(program=(DRIVER, paths, results))
     status, errors = window.process.wait(480), window.stderr.read_text(errors="replace")
-    found = {Path(row["path"]).name: row for row in map(json.loads, results.read_text().splitlines())}
-    assert list(found) == list(REPORTED), errors[-3000:]
+    rows = {Path(row["path"]).name: row for row in map(json.loads, results.read_text().splitlines())}
+    assert list(rows) == list(REPORTED), errors[-3000:]
     assert status == 0
     assert "Traceback" not in errors
     assert "top-level" not in errors, "Open3D draws more than 20 widgets of a window wrongly"
-    for name, one in found.items():
-        assert one["opened"] == (name not in NOT_OPENED), name
-        assert REPORTED[name] in "\n".join(one["sentences"]), name
-        assert not one["dialog"], name
-        assert not one["unsettled"], name
-        assert not [text for text in one["sentences"] if "a bug in V3 Studio" in text], name
+    for name, row in rows.items():
+        assert row["opened"] == (name not in NOT_OPENED), name
+        assert REPORTED[name] in "\n".join(row["sentences"]), name
+        assert not row["dialog"], name
+        assert not row["unsettled"], name
+        assert not [text for text in row["sentences"] if "a bug in V3 Studio" in text], name

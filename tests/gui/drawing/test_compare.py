@@ -35,7 +35,7 @@ def test_what_is_drawn_and_what_was_filmed_lie_on_each_other(image_zoom: ImageZo
     assert middle == pytest.approx(expected, abs=tolerance)
 
 
-def test_views_from_where_nothing_was_filmed_are_faded():
+def test_views_from_where_nothing_was_filmed_are_faded() -> None:
     covered = view_range([camera_at("cam0", (3.0, 0.0, 0.0))], (0, 0, 0))
     picture = np.full((60, 200, 3), 200, np.uint8)
     near = faded(picture, covered, camera_at("near", (2.0, 0.5, 0.0)), (0, 0, 1))
