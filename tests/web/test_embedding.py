@@ -1,8 +1,10 @@
 """`<v3-player>` in another page behaves like `<video>` there."""
 
 import shutil
+from pathlib import Path
 
 import pytest
+from PIL import Image
 
 pytestmark = pytest.mark.web
 
@@ -38,3 +40,60 @@ def test_without_controls_there_are_none(stream, site, open_page):
     assert not page.handle.locator("v3-player .help").is_visible()
     page.evaluate("() => document.querySelector('v3-player').setAttribute('controls', '')")
     assert page.handle.locator("v3-player .bar").is_visible()
+
+
+POLICY = "default-src 'none'; script-src 'self'; worker-src blob:; connect-src 'self'; img-src 'self'; media-src blob:"
+STRICT = """<!doctype html><meta http-equiv="Content-Security-Policy" content="{policy}">
+<v3-player src="stream/" poster="poster.png" controls></v3-player><script type="module" src="v3-player.js"></script>"""
+
+
+def open_strict(site, baked, open_page, policy, *scripts):
+    shutil.copytree(baked(clicks=(0.12,)), site.stream)
+    Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
+    (site.folder / "host.html").write_text(STRICT.format(policy=policy))
+    return open_page("", *scripts, path="/host.html", wait=False)
+
+
+def test_under_the_policy_of_the_guide(site, baked, open_page):
+    text = (Path(__file__).parents[2] / "docs" / "WEB.md").read_text(encoding="utf-8")
+    assert f"Content-Security-Policy: {POLICY}\n" in text
+    listen = (
+        "addEventListener('securitypolicyviolation', event => (window.refused ??= []).push(event.violatedDirective))"
+    )
+    page = open_strict(site, baked, open_page, POLICY, listen)
+    page.wait_ready()
+    page.call("play")
+    page.wait("(seen.looped ?? []).length || player.state.frame === 8")
+    page.click("settings")
+    color = page.handle.locator("v3-player .swatch.green").evaluate("one => getComputedStyle(one).backgroundColor")
+    assert color == "rgb(0, 176, 64)"
+    assert page.evaluate("() => window.refused ?? []") == []
+
+
+@pytest.mark.parametrize("directive", ["worker-src blob:", "connect-src 'self'"])
+def test_a_policy_that_forbids_it_is_named(site, baked, open_page, directive):
+    """Over the poster."""
+    page = open_strict(site, baked, open_page, POLICY.replace(f"{directive}; ", ""))
+    page.wait("(seen.error ?? []).length")
+    assert directive.partition(" ")[0] in page.seen("error")[0]
+    assert page.handle.locator("v3-player .failure").is_visible()
+    assert page.handle.locator("v3-player .poster img").is_visible()
+
+
+def test_without_webgl_it_says_so_and_tries_again(site, stream, open_page):
+    lose = """window.original = HTMLCanvasElement.prototype.getContext;
+      HTMLCanvasElement.prototype.getContext = () => null;"""
+    page = open_page("", lose, wait=False)
+    page.wait("(seen.error ?? []).length")
+    assert "WebGL" in page.seen("error")[0]
+    page.evaluate("() => { HTMLCanvasElement.prototype.getContext = window.original; seen.error = []; }")
+    page.handle.get_by_role("button", name="Try again").click()
+    page.wait_ready()
+
+
+def test_a_sandbox_is_named(site, stream, open_page):
+    (site.folder / "host.html").write_text('<!doctype html><iframe sandbox="allow-scripts" src="./"></iframe>')
+    page = open_page(path="/host.html", wait=False)
+    alert = page.handle.frame_locator("iframe").get_by_role("alert")
+    alert.wait_for()
+    assert "sandbox" in alert.inner_text()

@@ -113,6 +113,7 @@ def test_what_cannot_be_played_is_refused_in_a_sentence(site, baked, open_page):
         assert not page.seen("notice"), "it is not tried again"
     page.evaluate(open_other, "#]::")
     failure.get_by_text("#]::", exact=False).wait_for()
+    assert "#]::" in page.seen("error")[0]
     shutil.copytree(baked(), site.folder / "whole")
     page.evaluate(open_other, "whole/")
     page.wait_ready()

@@ -90,6 +90,19 @@ def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
     assert not page.seen("error")
 
 
+def test_a_pause_during_a_wait_ends_it(site, stream, open_page):
+    video = f"files/{group_files(stream, 0)[1].name}"
+    site.cut = {video: group_files(stream, 0)[1].stat().st_size - 100}
+    page = open_page("?t=0")  # the first image, and no other
+    page.call("play")
+    page.wait("seen.waiting?.at(-1) === true && player.shadowRoot.querySelector('.veil.busy')")
+    page.call("pause")
+    site.break_off.set()
+    page.wait("player.engine.ready !== null")
+    assert page.seen("waiting")[-1] is False
+    assert not page.handle.locator("v3-player .spinner").is_visible()
+
+
 _LOSE = """() => new Promise(done => {
   const canvas = document.querySelector('v3-player').shadowRoot.querySelector('canvas');
   const lose = canvas.getContext('webgl2').getExtension('WEBGL_lose_context');

@@ -49,7 +49,11 @@ if ("customElements" in globalThis && customElements.get("v3-player") === undefi
   const page = document.querySelector<V3PlayerElement>("v3-player[page]");
   const link = readParameters(new URLSearchParams(location.search), page?.hasAttribute("allow-src") === true);
   if (page !== null) {
-    startWorker();
+    try {
+      startWorker();
+    } catch {
+      // the element says why
+    }
     if (link.attributes.has("src")) for (const name of OWN) page.removeAttribute(name);
     for (const [name, value] of link.attributes) page.setAttribute(name, value);
   }

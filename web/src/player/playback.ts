@@ -139,7 +139,10 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     this.playing_ = false;
     this.stream.playing = false;
     this.sound.halt();
-    if (this.shown !== null && this.requested?.seek !== true) this.position = this.shown.frame;
+    if (this.shown !== null && this.requested?.seek !== true) {
+      this.position = this.shown.frame;
+      this.setWaiting(false); // what comes next is not shown
+    }
     this.emit("pause", undefined);
   }
 
@@ -209,7 +212,8 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     const elapsed = this.lastTick === null ? 0 : Math.min(now - this.lastTick, 250);
     this.lastTick = now;
     if (info === null || this.failed) return;
-    if (this.requested !== null && performance.now() - this.requested.at > TELL) this.setWaiting(true);
+    const wanted = this.requested !== null && (this.playing_ || this.requested.seek || this.shown === null);
+    if (wanted && performance.now() - this.requested!.at > TELL) this.setWaiting(true);
     if (!this.playing_ || this.shown === null || this.requested?.seek === true || info.frameCount === 1) return;
     const before = this.position;
     // The sound leads where there is some.

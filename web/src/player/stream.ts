@@ -17,9 +17,15 @@ export type { StreamOptions };
 let spare: Worker | null = null;
 let address: string | null = null;
 
+const FORBIDDEN = "This page does not allow the player's worker: its Content-Security-Policy must have worker-src blob:.";
+
 export function startWorker(): void {
   address ??= URL.createObjectURL(new Blob([workerSource], { type: "text/javascript" }));
-  spare ??= new Worker(address);
+  try {
+    spare ??= new Worker(address);
+  } catch {
+    throw new StreamError(FORBIDDEN);
+  }
 }
 
 function takeWorker(): Worker {
@@ -58,7 +64,9 @@ export class V3Stream extends Emitter<StreamEvents> {
     super();
     this.options = { path: "auto", loop: true, rendition: null, ...options };
     this.worker.onmessage = (event: MessageEvent<FromWorker>): void => this.receive(event.data);
-    this.worker.onerror = (event): void => this.fail(`The player's worker failed: ${event.message}.`);
+    // Without a message, it has not even begun.
+    this.worker.onerror = ({ message }: Partial<ErrorEvent>): void =>
+      this.fail(message ? `The player's worker failed: ${message}.` : FORBIDDEN);
   }
 
   /** Opens a stream by the URL of its folder, its manifest or its one file (`.v3s`), from files that the page itself holds,

@@ -418,8 +418,8 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
       this.#engine = new Player(this.#root.querySelector("canvas")!, { loop: this.loop, path: isDecoder(decoder) ? decoder : "auto" });
     } catch (error) {
       release(this);
-      // Whoever listens may do so only once this element is in the page.
-      queueMicrotask(() => this.#fail(messageOf(error)));
+      // Scripts that follow may want to listen first.
+      setTimeout(() => this.#fail(messageOf(error)));
       return;
     }
     this.#lifetime = new AbortController();

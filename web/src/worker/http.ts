@@ -184,9 +184,13 @@ export class HttpSource implements Source {
         const cache = "Range" in headers ? "no-store" : HASHED.test(path) ? "default" : "no-cache";
         response = await fetch(url, { headers, signal: stop.signal, cache });
       } catch {
-        if (!stop.signal.aborted && (await withholds(url, stop.signal)))
+        const held = !stop.signal.aborted && (await withholds(url, stop.signal));
+        const { host, origin } = new URL(url);
+        if (forbidden.has(origin))
+          throw new StreamError(`This page may not fetch the stream: its Content-Security-Policy must have connect-src ${origin}.`);
+        if (held)
           throw new StreamError(
-            `The server ${new URL(url).host} does not let other websites read the stream: it must send the header ` +
+            `The server ${host} does not let other websites read the stream: it must send the header ` +
               "Access-Control-Allow-Origin (CORS).",
           );
         // The browser's own words, such as "Failed to fetch", help nobody.
@@ -206,9 +210,17 @@ export class HttpSource implements Source {
   }
 }
 
+/** Origins from which the page's Content-Security-Policy lets nothing be fetched. */
+const forbidden = new Set<string>();
+if ("addEventListener" in globalThis)
+  addEventListener("securitypolicyviolation", ({ blockedURI }) => {
+    if (URL.canParse(blockedURI)) forbidden.add(new URL(blockedURI).origin);
+  });
+
 /** Whether a server of another website answers, but without the headers that would let this page read the answer. */
 async function withholds(url: string, signal: AbortSignal): Promise<boolean> {
-  if (new URL(url).origin === globalThis.origin) return false;
+  await new Promise((resolve) => setTimeout(resolve)); // in which a violation is reported
+  if (new URL(url).origin === globalThis.origin || forbidden.has(new URL(url).origin)) return false;
   try {
     await fetch(url, { mode: "no-cors", signal, cache: "no-store" });
     return true;
