@@ -71,15 +71,6 @@ def output_state(exports: Exports, serving: Serving, notices: Notices) -> JsonOb
     }
 
 
-def dialog_state(dialogs: Dialogs) -> JsonObject:
-    """The open dialog."""
-    return {
-        "dialog": dialogs.name,
-        "typing": dialogs.typing,  # whether its text field has the keyboard focus
-        "lines": dialogs.lines,
-    }
-
-
 def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: StageViews, dialogs: Dialogs) -> JsonObject:
     """Where widgets are, and what they show."""
     start, timeline = panels.start, panels.timeline
@@ -91,6 +82,9 @@ def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: Stage
     return {
         "title": window.title,
         "message": panels.message.text,  # over the view
+        "dialog": dialogs.name,
+        "typing": dialogs.typing,  # whether its text field has the keyboard focus
+        "lines": dialogs.lines,  # of its list
         "fullscreen": layout.fullscreen,
         "figures": layout.shows_figures,
         "upcoming": panels.stages.upcoming,  # the button to press next

@@ -7,8 +7,7 @@ from open3d.visualization import gui, rendering
 
 from v3studio.gui.actions import menus
 from v3studio.gui.actions.bakes import BakeActions
-from v3studio.gui.actions.camera_uses import CameraUseActions
-from v3studio.gui.actions.cameras import CameraActions, CameraMenuActions
+from v3studio.gui.actions.cameras import CameraActions, CameraMenuActions, CameraUseActions
 from v3studio.gui.actions.commands import ITEMS, MENUS, Actions
 from v3studio.gui.actions.edits import EditActions
 from v3studio.gui.actions.help import HelpActions
@@ -54,7 +53,7 @@ from v3studio.gui.platform.input_order import InputOrder
 from v3studio.gui.platform.menu_bar import MenuBar
 from v3studio.gui.platform.presses import Chords
 from v3studio.gui.platform.x_window import XDisplay
-from v3studio.gui.state import StateLog, dialog_state, output_state, panel_state, playback_state, take_state
+from v3studio.gui.state import StateLog, output_state, panel_state, playback_state, take_state
 from v3studio.gui.updates import mark_timeline, path_pictures, update_buttons, update_inspector, update_status
 from v3studio.gui.user_input import Keyboard, KeysOverPanels, UserInput
 from v3studio.gui.viewport import Viewport
@@ -78,18 +77,9 @@ LEAST_SIZE = (51, 40)  # width and height of the window in em below which contro
 
 
 class MainWindow:
-    """The window with everything that it shows.
-
-    Args:
-        size: width and height, pixels.
-        log: file to which a JSON line is appended whenever the state has changed; None for none.
-        device: name of the graphics device.
-        software: whether that is the CPU.
-
-    Attributes:
-        ticks: number of completed ticks, without those at rest.
-        numbers: the frames that the image, the figures and the timeline showed when they were drawn last.
-    """
+    """The window. `size`: width and height, pixels. `log`: file to which a JSON line is appended whenever the state has
+    changed; None for none. `device`: name of the graphics device, which may be the CPU (`software`). `ticks`: number of
+    completed ticks, without those at rest. `numbers`: the frames that image, figures and timeline show, as drawn."""
 
     def __init__(self, size: tuple[int, int], log: Path | None, device: str, software: bool) -> None:
         application = gui.Application.instance
@@ -120,7 +110,6 @@ class MainWindow:
             partial(take_state, self.workspace, self.marks, self.views),
             partial(playback_state, self.player, self.views),
             partial(output_state, self.exports, self.serving, self.notices),
-            partial(dialog_state, self.dialogs),
             partial(panel_state, self.window, self.panels, self.layout, self.views, self.dialogs),
             lambda: {"numbers": self.numbers},
         ))  # fmt: skip
