@@ -1,5 +1,6 @@
 """JSON files of a take, as models that are checked when they are read."""
 
+import errno
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,13 +28,23 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_json(path: Path, limit: int = BOUNDS.size) -> Any:
-    """The values in a file of at most `limit` bytes. Raises StudioError: `take.file_not_found`, `take.damaged`."""
+    """The values in a file of at most `limit` bytes. Raises StudioError: `take.file_not_found`, `take.damaged`; and, if
+    the file may be intact, `take.cannot_read`."""
     try:
         return parse_json(read_bounded(path, limit))
     except FileNotFoundError:
         raise StudioError("take.file_not_found", "no such file", file=path) from None
-    except (OSError, TextError) as error:
+    except (TextError, OSError) as error:
+        if isinstance(error, OSError) and error.errno not in (errno.EFBIG, errno.EISDIR):
+            raise cannot_read(path, error) from None
         raise StudioError("take.damaged", f"cannot be read ({reason_of(error)})", file=path, fix=_AGAIN) from None
+
+
+def cannot_read(path: Path, error: OSError) -> StudioError:
+    """The error for a file that may be intact: the disk, the permissions, the memory or the number of open files is
+    what failed."""
+    fix = "Check the disk and its permissions, close other programs, and try again."
+    return StudioError("take.cannot_read", f"cannot be read now ({reason_of(error)})", file=path, fix=fix)
 
 
 def read_model(path: Path, model: type[Model]) -> Model:

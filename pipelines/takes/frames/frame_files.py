@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from v3studio.pipelines.takes.files.json_files import Result
+from v3studio.pipelines.takes.files.json_files import Result, cannot_read
 from v3studio.studio.atomic_files import atomic_path
-from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -48,7 +50,8 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], about: FrameMetadata) 
 
 
 def read_frame(path: Path) -> Gaussians:
-    """Read the Gaussians of a frame, on the CPU."""
+    """Read the Gaussians of a frame, on the CPU. Raises StudioError: `take.not_trained`, `take.damaged`; and, if the
+    file may be intact, `take.cannot_read`; MemoryError if it does not fit."""
     from safetensors import SafetensorError
 
     from v3studio.studio.gaussians import Gaussians
@@ -58,46 +61,48 @@ def read_frame(path: Path) -> Gaussians:
     except FileNotFoundError:
         problem = "no such file"
         raise StudioError("take.not_trained", problem, file=path, fix="Run `v3studio train`.", stage="train") from None
-    except (SafetensorError, OSError) as error:
-        problem = f"cannot be read ({reason_of(error)})"
+    except SafetensorError as error:
+        problem = f"cannot be read ({error})"
         fix = "Delete it and run `v3studio train`."
         raise StudioError("take.damaged", problem, file=path, fix=fix, stage="train") from None
+    except OSError as error:
+        raise cannot_read(path, error) from None
 
 
 def read_tensors(path: Path, key: str, since: int = 0) -> dict[str, Tensor] | None:
-    """Tensors that `write_tensors` wrote, by name, on the CPU; None if missing, damaged, of another `key` or older."""
+    """Tensors that `write_tensors` wrote, by name, on the CPU; None if missing, damaged, of another `key` or older.
+    Raises OSError or MemoryError if the file may be intact, but cannot be read."""
     from safetensors import SafetensorError
 
     if not has_key(path, key, since):
         return None
     try:
         return _load(path)
-    except (SafetensorError, OSError):
+    except (SafetensorError, FileNotFoundError):
         return None
 
 
 def intact(path: Path) -> bool:
-    """Whether a file can be read and its tensors are those that were written."""
+    """Whether the tensors in a file are those that were written. Raises OSError or MemoryError if it cannot be read."""
     from safetensors import SafetensorError
 
     try:
         _load(path)
-    except (SafetensorError, OSError):
+    except SafetensorError:
         return False
     return True
 
 
 def read_about(path: Path) -> FrameMetadata | None:
-    """The metadata that `write_frame` wrote; None if there is no such file, it is damaged or has no such metadata."""
-    from safetensors import SafetensorError, safe_open
+    """The metadata that `write_frame` wrote; None if there is no such file, it is damaged or has no such metadata.
+    Raises OSError or MemoryError if it cannot be read."""
+    from safetensors import SafetensorError
 
-    if not path.is_file():
-        return None
     try:
-        with safe_open(path, framework="np") as file:
+        with _header(path) as file:
             return FrameMetadata.model_validate_json((file.metadata() or {})[_ENTRY])
-    except (SafetensorError, OSError, KeyError, ValueError):  # pydantic's ValidationError is a ValueError
-        return None
+    except (SafetensorError, FileNotFoundError, IsADirectoryError, KeyError, ValueError):
+        return None  # pydantic's ValidationError is a ValueError
 
 
 def has_key(path: Path, key: str, since: int = 0) -> bool:
@@ -106,18 +111,26 @@ def has_key(path: Path, key: str, since: int = 0) -> bool:
     return about is not None and about.key == key and path.stat().st_mtime_ns >= since
 
 
+@contextmanager
+def _header(path: Path) -> Iterator[Any]:
+    """A file whose header fits its size. Raises SafetensorError for a damaged file, OSError, MemoryError."""
+    from safetensors import safe_open
+
+    with path.open("rb"):
+        pass  # safetensors takes a file for missing that could not be opened for other reasons
+    with safe_open(path, framework="np") as file:
+        yield file
+
+
 def _load(path: Path) -> dict[str, Tensor]:
-    """Raises SafetensorError for a damaged file."""
-    from safetensors import SafetensorError, safe_open
+    """The tensors in a file. Raises SafetensorError for a damaged file, OSError, MemoryError."""
+    from safetensors import SafetensorError
     from safetensors.torch import load
 
-    try:
-        with safe_open(path, framework="np"):
-            pass  # its header fits its size: nothing larger than what it says is read
-        data = path.read_bytes()
-        tensors = load(data)
-    except MemoryError:
-        raise SafetensorError("it does not fit into memory") from None
+    with _header(path):
+        pass  # nothing larger than what the header says is read
+    data = path.read_bytes()
+    tensors = load(data)
     about = _metadata(data)
     if about.digest != _digest(data):
         raise SafetensorError("checksum differs")

@@ -11,7 +11,7 @@ from typing import TypeVar
 from pydantic import Field, JsonValue, model_validator
 
 from v3studio.pipelines.takes.files.digests import digest_of, digests_of_files
-from v3studio.pipelines.takes.files.json_files import Result, read_model, write_model
+from v3studio.pipelines.takes.files.json_files import Result, cannot_read, read_model, write_model
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.json_types import JsonObject
@@ -72,7 +72,8 @@ class FailureRecord(Result):
 
 
 def read_record(take: Take, stage: str) -> StageRecord | None:
-    """The record of a finished stage; None if it never finished, or the record is damaged: it runs again."""
+    """The record of a finished stage; None if it never finished, or the record is damaged: it runs again. Raises
+    StudioError if it cannot be read now (`take.cannot_read`)."""
     return _read(take.record(stage), StageRecord)
 
 
@@ -111,10 +112,13 @@ def digests_on_record(take: Take, *stages: str) -> dict[Path, str]:
 
 def result_of(take: Take, stage: str) -> str | None:
     """Digest of a finished stage's results; None if it is not finished."""
+    path = take.record(stage)
     try:
-        state = take.record(stage).stat()
-    except OSError:
+        state = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
         return None
+    except OSError as error:
+        raise cannot_read(path, error) from None
     return _result_of(take, stage, state.st_ino, state.st_mtime_ns)
 
 
@@ -136,6 +140,9 @@ def read_failure(take: Take, stage: str) -> FailureRecord | None:
 
 
 def _read(path: Path, model: type[Record]) -> Record | None:
-    with contextlib.suppress(StudioError):
+    try:
         return read_model(path, model)
-    return None
+    except StudioError as error:
+        if error.code == "take.cannot_read":
+            raise
+        return None
