@@ -37,6 +37,7 @@ class TakeReview:
         self.take = take
         self.frame_count, self.place = self._stream()
         self._opening = threading.Lock()
+        self._warned = ""
 
     def data(self) -> ReviewData:
         """Figures as they are in the take now, and the cameras to compare with.
@@ -136,17 +137,15 @@ class TakeReview:
 
     @property
     def _opened(self) -> Footage | None:
-        """The footage with cameras; None, and a warning on this machine, if it cannot be opened."""
+        """The footage with cameras; None, and a warning on this machine, while it cannot be opened."""
         with self._opening:
-            return self._footage
-
-    @cached_property
-    def _footage(self) -> Footage | None:
-        try:
-            return self._settings.trained_footage
-        except StudioError as error:
-            say(f"warning: {error} The review continues without the footage.", error=True)
-            return None
+            try:
+                return self._settings.trained_footage
+            except StudioError as error:
+                if str(error) != self._warned:
+                    self._warned = str(error)
+                    say(f"warning: {error} The review continues without the footage.", error=True)
+                return None
 
     def _curves(self, evaluation: Evaluation) -> QualityCurves:
         measured = {row.index - self.place.first_frame: row for row in evaluation.frames}

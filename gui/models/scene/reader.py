@@ -1,6 +1,7 @@
 """Reads what the scene shows from the take, and keeps it until a file changes. Runs on the viewport's thread."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
@@ -29,7 +30,7 @@ THUMBNAIL = 160  # longer side of the images on the frusta, pixels
 
 MOST_THUMBNAILS = 200
 
-SmallImages = MemoryCache[tuple[str, int], np.ndarray | None]  # by camera and frame
+SmallImages = MemoryCache[tuple[str, int], np.ndarray]  # by camera and frame
 Points = tuple[np.ndarray, np.ndarray]
 Content = TypeVar("Content")
 
@@ -129,7 +130,7 @@ class SceneReader:
         """The camera's image of the frame; until the view rests, the last one that was read."""
         context, key = wanted.context, (name, wanted.frame)
         if context is not None and (wanted.still or key in self._images):
-            self._last[name] = self._images.get_or_make(key, lambda key: small_image(context, *key, wanted.number))
+            self._last[name] = small_image(self._images, context, *key, wanted.number)
         return self._last.get(name)
 
     def forget(self) -> None:
@@ -138,14 +139,19 @@ class SceneReader:
         self._last.clear()
 
 
-def small_image(context: Inputs, camera: str, frame: int, number: int | None = None) -> np.ndarray | None:
+def small_image(
+    images: SmallImages, context: Inputs, camera: str, frame: int, number: int | None = None
+) -> np.ndarray | None:
     """(h, w, 3) uint8: a camera's image of a frame for its frustum, by its number, or counted from 0 if that is None;
-    None if there is none: the Capture view says why it cannot be read."""
-    try:
+    kept in `images`. None if it cannot be read now: the Capture view says why."""
+
+    def read(key: tuple[str, int]) -> np.ndarray:
         footage = context.raw_footage
         number_in_files = footage.frames[min(frame, len(footage.frames) - 1)] if number is None else number
         whole = footage.raw_image(camera, number_in_files)
-    except StudioError:
-        return None
-    scale = THUMBNAIL / max(whole.shape[:2])
-    return cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        scale = THUMBNAIL / max(whole.shape[:2])
+        return cv2.resize(whole, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+    with suppress(StudioError):
+        return images.get_or_make((camera, frame), read)
+    return None

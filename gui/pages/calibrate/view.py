@@ -187,7 +187,7 @@ class CalibrateView(OrbitView):
                 color = TEXT
             image = None
             if covered is None and context is not None:
-                image = self._thumbnails.get_or_make((camera.name, self.frame), lambda key: small_image(context, *key))
+                image = small_image(self._thumbnails, context, camera.name, self.frame)
             cameras.append(SceneCamera(camera, color, image))
         length = frustum_length(self._rig, self.home.target)
         if covered is not None:

@@ -19,6 +19,7 @@ from v3studio.pipelines.share.served import find_reviews, find_streams
 from v3studio.pipelines.share.web_app import Reviews, build_app
 from v3studio.pipelines.takes.authored.marks import MAX_NOTE, Mark, change_mark, read_marks
 from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.files.settings_file import set_settings
 from v3studio.pipelines.takes.results.records import StageRecord
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig, write_rig
@@ -280,3 +281,13 @@ def test_a_stream_alone_cannot_be_reviewed(take: Take, tmp_path: Path) -> None:
     shutil.copytree(take.stream, tmp_path / "stream")
     with refuses("serve.nothing_to_review"):
         find_reviews(find_streams(str(tmp_path / "stream")))
+
+
+def test_footage_that_comes_back_is_shown(take: Take, tmp_path: Path) -> None:
+    copy = Take(Path(shutil.copytree(take.root, tmp_path / "reviewed")))
+    footage = load_config(copy.config).capture.root
+    set_settings(copy.config, {"capture.root": str(tmp_path / "away")})
+    review = TakeReview(copy)
+    assert review.data().cameras == ()
+    shutil.copytree(footage, tmp_path / "away")
+    assert len(review.data().cameras) == len(TakeReview(take).data().cameras) > 0
