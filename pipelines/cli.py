@@ -30,6 +30,7 @@ from v3studio.pipelines.events import Finished, as_message
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.events.event_log import JsonLines
 from v3studio.pipelines.reports.terminal import say
+from v3studio.pipelines.runs.out_of_memory import memory_errors
 from v3studio.pipelines.stages import STAGE_NAMES
 from v3studio.studio.atomic_files import PARTIAL
 from v3studio.studio.errors import Cancelled, Message, StudioError, reason_of
@@ -127,7 +128,8 @@ def _run(known: argparse.Namespace) -> tuple[int, Message | None]:
     command: Callable[[argparse.Namespace], int | None] = known.command
     try:
         known.overrides = overrides(known)
-        code = command(known) or 0
+        with memory_errors():
+            code = command(known) or 0
         sys.stdout.flush()
     except StudioError as error:
         return _refused(error)

@@ -73,13 +73,15 @@ def _blas_threads() -> int:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error of Python, PyTorch (on the CPU or a GPU) or OpenCV says that memory ran out."""
+    """Whether an error of Python, PyTorch (on the CPU or a GPU), OpenCV or ONNX Runtime says that memory ran out."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     import cv2
 
     words = ("can't allocate memory", "not enough memory", "out of memory", "Insufficient memory", "std::bad_alloc")
-    return isinstance(error, (RuntimeError, OSError, cv2.error)) and any(word in str(error) for word in words)
+    words += ("Failed to allocate memory",)
+    known = isinstance(error, (RuntimeError, OSError, cv2.error)) or type(error).__module__.startswith("onnxruntime")
+    return known and any(word in str(error) for word in words)
 
 
 def gpu_out_of_memory(error: BaseException) -> str | None:

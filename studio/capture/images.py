@@ -12,6 +12,7 @@ import numpy as np
 
 from v3studio.studio.capture.transfer import TransferFunction, eight_bit
 from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.storage import cached_object
 
 if TYPE_CHECKING:
@@ -93,6 +94,8 @@ def _undamaged(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError, SyntaxError) as error:
+        if is_out_of_memory(error):
+            raise
         _refuse(path, f"damaged or truncated: {_reason(error)}")
 
 
@@ -123,6 +126,8 @@ def _open(path: Path) -> ImageFile:
         problem = f"the image has more than {2 * (MAX_IMAGE_PIXELS or 0):,} pixels"
         raise StudioError("footage.image_too_large", problem, file=path, fix="Scale the images down.") from None
     except (OSError, ValueError, SyntaxError) as error:
+        if is_out_of_memory(error):
+            raise
         _refuse(path, _reason(error))
 
 
@@ -200,7 +205,7 @@ def _decoded(path: Path, data: bytes, name: str) -> np.ndarray:
         decoder.options = {"max_pixels": str(2 * (MAX_IMAGE_PIXELS or 0))}
         decoder.thread_count = 1
         frames = [*decoder.decode(av.Packet(data)), *decoder.decode(None)]
-    except (av.error.FFmpegError, OSError, ValueError, MemoryError):
+    except (av.error.FFmpegError, OSError, ValueError):
         frames = []
     if not frames or frames[0].is_corrupt:
         _refuse(path, f"damaged or truncated, or a kind of {name.upper()} that FFmpeg cannot read")
@@ -236,7 +241,9 @@ def _opencv_values(path: Path, data: bytes) -> np.ndarray:
 
     try:
         values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    except cv2.error:
+    except cv2.error as error:
+        if is_out_of_memory(error):
+            raise
         values = None
     if values is None or (values.ndim == 3 and values.shape[2] not in (3, 4)):
         _refuse(path, "not an image, damaged, or of a kind that OpenCV cannot read")

@@ -16,6 +16,7 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.filters import keep_components
 from v3studio.studio.masks.mask_cache import cached_mask
 from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.process import logged
 from v3studio.studio.storage import whole_files
 
@@ -97,6 +98,8 @@ class MattingModel:
             with logged(_LOG, "the matting model"):
                 outputs = self._loaded.run(given)
         except Exception as error:  # onnxruntime's errors have no common base class
+            if is_out_of_memory(error):
+                raise
             problem = f"the matting model fails on an image of {size[0]}x{size[1]} ({_first_line(error)})"
             fix, setting = "Check the kind in capture.mask_model.", "capture.mask_model"
             raise StudioError(
@@ -112,6 +115,8 @@ class MattingModel:
         except StudioError:
             raise
         except Exception as error:  # as above
+            if is_out_of_memory(error):
+                raise
             problem, fix = f"cannot load the matting model ({_first_line(error)})", "Replace the file."
             raise StudioError(
                 "mask.model_unloadable", problem, file=self.path, fix=fix, setting="capture.mask_model"

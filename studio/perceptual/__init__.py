@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.memory import is_out_of_memory
 
 SMALLEST = 32  # minimum width and height of an image in pixels; below it, the last layers of AlexNet have no output
 
@@ -153,6 +154,8 @@ def _loaded(network: Network, file: Path) -> dict[str, Tensor]:
             network.url, model_dir=str(file.parent), map_location="cpu", check_hash=True, weights_only=True
         )
     except Exception as error:  # no network, disk full, no permission, truncated file, ...: unrelated exception types
+        if is_out_of_memory(error):
+            raise
         if existed:
             raise _unreadable(network, file, _first_line(error)) from None
         problem = f"the LPIPS weights of {network.title} cannot be downloaded ({_first_line(error)})"
@@ -182,6 +185,8 @@ def _features(network: Network, state: dict[str, Tensor]) -> nn.Sequential:
             {str(k).removeprefix(prefix): v for k, v in state.items() if str(k).startswith(prefix)}
         )
     except RuntimeError as error:  # the message lists all missing names
+        if is_out_of_memory(error):
+            raise
         raise _unreadable(network, weights_file(network), str(error).splitlines()[-1].strip()[:200]) from None
     return features
 

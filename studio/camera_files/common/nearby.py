@@ -6,6 +6,7 @@ from v3studio.studio.capture.images import image_header
 from v3studio.studio.capture.media import open_media, video_stream
 from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
 from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.validation import camera_error
 
 _FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
@@ -47,7 +48,7 @@ def _size(file: Path, camera: str) -> tuple[int, int]:
                 raise ValueError("no video stream")
             return stream.width, stream.height
     except Exception as error:
-        if isinstance(error, StudioError) and error.code.startswith("storage."):
+        if is_out_of_memory(error) or (isinstance(error, StudioError) and error.code.startswith("storage.")):
             raise
         problem = f"the image size of {file} cannot be read ({error})"
         fix = "Replace the file."
