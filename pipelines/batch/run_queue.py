@@ -12,7 +12,7 @@ from v3studio.pipelines.events import Event, Finished, read_line
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.runs.launch import launch
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.errors import Cancelled
+from v3studio.studio.errors import Cancelled, reason_of
 from v3studio.studio.process import python_command, start
 
 
@@ -45,10 +45,6 @@ def run_queue(
             try:
                 starts(entry)
                 check()
-                # a run that outlived a killed queue, or that somebody started; then this one finds its results
-                while Take(entry.take).running() is not None:
-                    time.sleep(0.5)
-                    check()
                 code, message = _run(entry, command(entry), emit, check)
                 if code == EXIT_CANCELLED:  # somebody stopped this process alone
                     raise Cancelled
@@ -67,10 +63,16 @@ def _run(
     entry: QueuedTake, command: list[str], emit: Callable[[Event], None], check: Callable[[], None]
 ) -> tuple[int, str]:
     """Exit code and message of one run."""
-    if not entry.folder.is_dir():
-        return 1, f"the folder {entry.folder} no longer exists"
+    try:
+        # a run that outlived a killed queue, or that somebody started; then this one finds its results
+        while Take(entry.take).running() is not None:
+            time.sleep(0.5)
+            check()
+        process = start(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=entry.folder)
+    except OSError as error:  # a network drive is gone: the others need not wait for it
+        return 1, f"{error.filename or entry.take} cannot be read ({reason_of(error)})"
     message, last = "", ""
-    with start(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=entry.folder) as process:
+    with process:
         assert process.stdout is not None
         try:
             for line in process.stdout:

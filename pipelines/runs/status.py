@@ -10,6 +10,7 @@ from v3studio.pipelines.reports.terminal import console, duration, escaped, tabl
 from v3studio.pipelines.runs.runner import status
 from v3studio.pipelines.takes.results.stage_files import checked_cameras
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.errors import reason_of
 from v3studio.studio.json_types import JsonData
 
 
@@ -53,7 +54,10 @@ def running(take: Take) -> Running | None:
 def progress(take: Take) -> tuple[str, str, float | None]:
     """Of the run in progress: words, such as "train 43%, 12 min 05 s left", with the time of the run, or "starting";
     the stage, "" before the first; and how much of the stage is done, 0 to 1, or None if it has not reported yet."""
-    now = running(take)
+    try:
+        now = running(take)
+    except OSError as error:  # the list of takes shows the others
+        return f"cannot be read ({reason_of(error)})", "", None
     if now is None or now.stage is None:
         return "starting", "", None
     if now.progress is None:

@@ -1,4 +1,5 @@
 import contextlib
+import errno
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from tests.support.tiny_capture import ROOT, v3studio
 from v3studio.pipelines.batch.queue_file import QueuedTake, QueueFile
 from v3studio.pipelines.batch.run_queue import run_queue
 from v3studio.pipelines.events import Event, Finished, RunStarted
+from v3studio.pipelines.runs.status import progress
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 
@@ -178,6 +180,26 @@ def test_a_failed_take_does_not_stop_the_next_one(queue: QueueFile, tmp_path: Pa
         "later": ("done", ""),
     }
     assert [event.message for event in said] == ["bad starts", "good starts", "last starts", "later starts"]
+
+
+def test_a_take_that_cannot_be_read_is_skipped(
+    queue: QueueFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("gone", "good", "unreachable"):
+        queue.add(tmp_path / name, None, ())
+    queue.replace(3, folder=tmp_path / "nowhere")
+    running = Take.running
+
+    def stale(take: Take) -> object:
+        if take.root.name == "gone":
+            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(take.root))
+        return running(take)
+
+    monkeypatch.setattr(Take, "running", stale)
+    assert progress(Take(tmp_path / "gone"))[1:] == ("", None), "it is listed, too"
+    assert run_queue(queue, lambda _: None, lambda _: None, lambda _: None, program) == (1, 2)
+    assert [entry.state for entry in queue.read().takes] == ["failed", "done", "failed"]
+    assert str(tmp_path / "gone") in queue.read().takes[0].message
 
 
 @pytest.mark.parametrize(("number", "state"), [(signal.SIGINT, "waiting"), (signal.SIGKILL, "running")])
