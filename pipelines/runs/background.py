@@ -7,6 +7,7 @@ from v3studio.pipelines.runs.launch import ERRORS, Launched, launch, until_begun
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.files.settings_file import save_config
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.atomic_files import write_bytes
 from v3studio.studio.errors import StudioError
 
 
@@ -18,16 +19,19 @@ def start_background(take: Take, config: Config, arguments: Sequence[str]) -> La
         raise take.in_use(holder)
     with disk_errors(take.root):
         take.private.mkdir(parents=True, exist_ok=True)
+        before = take.config.read_bytes() if take.config.is_file() else None
         save_config(take.config, config)
     place = str(take.root)
     words = [*arguments, "--take", place, "--json"]
     if config.run.executor == "ray" and config.run.address.startswith("ray://"):
         from v3studio.pipelines.runs.cluster.detached import start_on_head
 
-        found = start_on_head(config.run.address, words, place)
+        launched = start_on_head(config.run.address, words, place)
     else:
         errors = take.private / ERRORS
-        found = until_begun(launch(words, errors), take.log, errors)
-    if found.code:
-        raise StudioError("run.failed", found.error.removeprefix("error: "), code_of_process=found.code)
-    return found
+        launched = until_begun(launch(words, errors), take.log, errors)
+    if launched.code:
+        if before is not None:  # a run that was refused changes nothing
+            write_bytes(take.config, before)
+        raise StudioError("run.failed", launched.error.removeprefix("error: "), code_of_process=launched.code)
+    return launched

@@ -167,35 +167,44 @@ class _Run:
     def go(self, names: Sequence[str]) -> None:
         inputs, started = self.inputs, self.clock()
         take, settings = inputs.take, inputs.config.run
-        save_config(take.config, inputs.config)
+        if not take.config.exists():
+            save_config(take.config, inputs.config)
         # report unreadable footage and edits before anything else
         _ = inputs.raw_footage, inputs.footage_digest, inputs.edits
-        found = assess_all(STAGES, inputs)
-        self.verified.update(name for name, one in found.items() if one.state == DONE)
-        todo = [stage for stage in STAGES if stage.name in names and (self.force or found[stage.name].state != DONE)]
+        before = assess_all(STAGES, inputs)
+        self.verified.update(name for name, status in before.items() if status.state == DONE)
+        todo = [stage for stage in STAGES if stage.name in names and (self.force or before[stage.name].state != DONE)]
         for stage in todo:
             for dependency in stage.dependencies:
-                if stage_named(dependency) not in todo and found[dependency].state != DONE:
-                    raise not_ready(stage, found[dependency])
-        self.emit(
-            RunStarted(
-                take=str(take.root),
-                stages=tuple(stage.name for stage in todo),
-                done=tuple(stage.name for stage in STAGES if stage not in todo and found[stage.name].state == DONE),
-                pid=os.getpid(),
-                version=program_version(),
-            )
-        )
-        if settings.executor == "local" and settings.device not in ("auto", "cpu") and any(one.renders for one in todo):
-            _ = inputs.device  # report a missing GPU before hours of work
+                if stage_named(dependency) not in todo and before[dependency].state != DONE:
+                    raise not_ready(stage, before[dependency])
+        # report a missing GPU, a cluster that does not answer and weights that cannot be loaded before hours of work
+        if (
+            settings.executor == "local"
+            and settings.device not in ("auto", "cpu")
+            and any(stage.renders for stage in todo)
+        ):
+            _ = inputs.device
         evaluates = stage_named("evaluate") in todo
-        if todo:
-            import torch
+        with _executor(inputs, todo) as executor:
+            if evaluates:
+                lpips_of(inputs.config, inputs.device if executor is None else "cpu")
+            save_config(take.config, inputs.config)  # now that nothing refuses the settings
+            self.emit(
+                RunStarted(
+                    take=str(take.root),
+                    stages=tuple(stage.name for stage in todo),
+                    done=tuple(
+                        stage.name for stage in STAGES if stage not in todo and before[stage.name].state == DONE
+                    ),
+                    pid=os.getpid(),
+                    version=program_version(),
+                )
+            )
+            if todo:
+                import torch
 
-            torch.set_num_threads(inputs.threads)
-            with _executor(inputs, todo) as executor:
-                if evaluates:  # report weights that cannot be loaded before hours of work, too
-                    lpips_of(inputs.config, inputs.device if executor is None else "cpu")
+                torch.set_num_threads(inputs.threads)
                 self._run_stages(todo, executor, started)
         if "evaluate" in names:
             if not evaluates:
