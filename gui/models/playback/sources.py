@@ -242,7 +242,10 @@ def _fps(take: Take, opened: Opened) -> float:
 
 
 def take_contents(take: Take) -> tuple[object, ...]:
-    """A cheap fingerprint that changes when frames are trained or a stream is baked."""
-    files = sorted(take.root.glob("train/group_*/frame_*.safetensors"))
-    paths = [take.stream / "manifest.json", take.rig, take.edits, *files[:1], *files[-1:]]
-    return len(files), *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)
+    """A cheap fingerprint that changes when a frame is added, a group was trained again or a stream is baked."""
+    paths, counts = [take.stream / "manifest.json", take.rig, take.edits], list[int]()
+    while (folder := take.finished_frame(len(counts), 0).parent).is_dir():
+        frames = sorted(folder.glob("frame_*.safetensors"))
+        counts.append(len(frames))
+        paths += [*frames[:1], *frames[-1:]]
+    return *counts, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in paths)

@@ -109,8 +109,7 @@ class RunState:
             if event.stage == "train":
                 self._train_figures(event)
         elif isinstance(event, events.Metrics):
-            if event.stage in ("train", "bake", "initialize"):
-                self.results += 1
+            self.results += 1
             if event.group is not None:  # figures of a whole stage are those of StageFinished
                 self._say(metrics_words(event))
         elif isinstance(event, events.GroupStarted):

@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.image_zoom import ImageZoom
 from v3studio.gui.models.playback.player import PlayerPresenter
-from v3studio.gui.models.playback.sources import load
+from v3studio.gui.models.playback.sources import load, take_contents
 from v3studio.gui.models.take.inspector import review_blocks
 from v3studio.pipelines.reports.images import render
 from v3studio.pipelines.takes.authored.marks import Mark, change_mark
@@ -65,6 +66,23 @@ def test_a_half_trained_group_shows_the_frames_that_are_there(take_copy: Path) -
     assert picture_of(player).any()
     assert player.message == ""
     assert player.close()
+
+
+def test_a_group_that_was_trained_again_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    take = Take.create(tmp_path)
+    # the results of a stage after the training are what is shown
+    monkeypatch.setattr(
+        Take, "finished_frame", lambda self, group, index: tmp_path / f"tidy/{group}/frame_{index}.safetensors"
+    )
+    files = [take.finished_frame(group, 2 * group + index) for group in range(3) for index in range(2)]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    before = take_contents(take)
+    assert take_contents(take) == before
+    for file in files[2:4]:
+        os.utime(file, (1, 1))
+    assert take_contents(take) != before
 
 
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
