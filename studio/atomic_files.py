@@ -78,10 +78,10 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
     -9. Those of other machines are leftovers if nothing was written to them for an hour."""
     stem, suffix = (r".+", r"(\.[^.]*)?") if of is None else (re.escape(of.stem), re.escape(of.suffix))
     named = re.compile(rf"\.{stem}\.{_NAMED}{suffix}")
-    found = [(path, named.fullmatch(path.name)) for path in (folder.iterdir() if folder.is_dir() else ())]
+    matches = [(path, named.fullmatch(path.name)) for path in (folder.iterdir() if folder.is_dir() else ())]
     return sorted(
         path
-        for path, match in found
+        for path, match in matches
         if match is not None and (match["what"] or "") == what and not _has_writer(path, match)
     )
 
@@ -105,9 +105,9 @@ def _has_writer(path: Path, named: re.Match[str]) -> bool:
 def _last_written(path: Path) -> float:
     """When a file, or one in a folder, was last changed; seconds since the epoch, 0 if it does not exist any more."""
     last = 0.0
-    for one in (path, *path.rglob("*")):
+    for inner in (path, *path.rglob("*")):
         with suppress(FileNotFoundError):
-            last = max(last, one.lstat().st_mtime)
+            last = max(last, inner.lstat().st_mtime)
     return last
 
 

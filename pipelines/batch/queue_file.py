@@ -181,7 +181,7 @@ class QueueFile:
 
     @contextlib.contextmanager
     def running(self) -> Iterator[None]:
-        """For the program that works through the queue. Takes that another one left running wait again."""
+        """Hold the queue for the program that works through it. Takes that another program left running wait again."""
         with disk_errors(self.path.parent):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._lock("run").touch()
@@ -189,7 +189,7 @@ class QueueFile:
         with held(self._lock("run"), lambda holder: StudioError("queue.already_run", problem, file=self.path, fix=fix)):
             with self._changing() as takes:
                 waiting = {"state": "waiting"}
-                takes[:] = [one.model_copy(update=waiting) if one.state == "running" else one for one in takes]
+                takes[:] = [entry.model_copy(update=waiting) if entry.state == "running" else entry for entry in takes]
             yield
 
     def _lock(self, name: str) -> Path:

@@ -118,7 +118,7 @@ class RunSettings(Settings):
     @classmethod
     def _one_or_several(cls, value: Any) -> Any:
         return (
-            {key: (one,) if isinstance(one, str) else one for key, one in value.items()}
+            {key: (place,) if isinstance(place, str) else place for key, place in value.items()}
             if isinstance(value, dict)
             else value
         )
@@ -154,5 +154,5 @@ class Config(Settings):
 
 def values_of(config: Config) -> dict[str, JsonValue]:
     """All settings, JSON-ready, by dotted name."""
-    values = config.model_dump(mode="json")
-    return {name: reduce(getitem, name.split("."), values) for name in affected(Config)}
+    sections = config.model_dump(mode="json")
+    return {name: reduce(getitem, name.split("."), sections) for name in affected(Config)}

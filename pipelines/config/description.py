@@ -26,11 +26,11 @@ def allowed_values(field: FieldInfo) -> str:
     choices = list(_choices(field.annotation))
     if choices:
         parts.append("one of " + ", ".join(map(str, choices)))
-    found = _rules(field)
-    low = f"at least {found['ge']}" if "ge" in found else f"above {found['gt']}" if "gt" in found else ""
-    high = f"at most {found['le']}" if "le" in found else f"below {found['lt']}" if "lt" in found else ""
-    if "ge" in found and "le" in found:
-        parts.append(f"{found['ge']} to {found['le']}")
+    rules = _rules(field)
+    low = f"at least {rules['ge']}" if "ge" in rules else f"above {rules['gt']}" if "gt" in rules else ""
+    high = f"at most {rules['le']}" if "le" in rules else f"below {rules['lt']}" if "lt" in rules else ""
+    if "ge" in rules and "le" in rules:
+        parts.append(f"{rules['ge']} to {rules['le']}")
     else:
         parts += [text for text in (low, high) if text]
     if type(None) in get_args(field.annotation):
@@ -40,21 +40,21 @@ def allowed_values(field: FieldInfo) -> str:
 
 def bounds(field: FieldInfo) -> tuple[float | None, float | None]:
     """The lowest and the highest value of a setting, where there are such limits; exclusive ones count too."""
-    found = _rules(field)
-    return found.get("ge", found.get("gt")), found.get("le", found.get("lt"))
+    rules = _rules(field)
+    return rules.get("ge", rules.get("gt")), rules.get("le", rules.get("lt"))
 
 
 def _rules(field: FieldInfo) -> dict[str, float]:
     rules = (*field.metadata, *_inner_rules(field.annotation))
-    found = ((name, getattr(rule, name, None)) for rule in rules for name in ("ge", "gt", "le", "lt"))
-    return {name: value for name, value in found if value is not None}
+    limits = ((name, getattr(rule, name, None)) for rule in rules for name in ("ge", "gt", "le", "lt"))
+    return {name: value for name, value in limits if value is not None}
 
 
 def _section(model: Settings, prefix: str, names: Collection[str] | None) -> Iterator[str]:
     indent = "  " * prefix.count(".")
     for name, field in type(model).model_fields.items():
         value, full = getattr(model, name), f"{prefix}{name}"
-        if names is not None and not any(one == full or one.startswith(f"{full}.") for one in names):
+        if names is not None and not any(chosen == full or chosen.startswith(f"{full}.") for chosen in names):
             continue
         heading = marker(field, Heading)
         if heading is not None and names is None:

@@ -69,12 +69,12 @@ def load_config(path: Path | str | None, overrides: Iterable[tuple[str, Any]] = 
         *sections, last = name.split(".")
         target = values
         for section in sections:
-            found = target.setdefault(section, {})
-            if not isinstance(found, dict):
+            inner = target.setdefault(section, {})
+            if not isinstance(inner, dict):
                 problem = f"unknown setting {name}: {section} is not a section"
                 fix = nearest_sentence(Config, name)
                 raise StudioError("settings.unknown", problem, file=OVERRIDES, value=value, fix=fix, setting=name)
-            target = found
+            target = inner
         target[last] = value
         given.add(name)
         if name == "capture.root":
@@ -97,17 +97,17 @@ def read_yaml(path: Path) -> JsonObject:
     except (OSError, UnicodeDecodeError) as error:
         raise StudioError("settings.unreadable", f"cannot be read ({reason_of(error)})", file=path, fix=fix) from None
     try:
-        values, plain = parse_yaml(text), parse_yaml(text, plain=True)
+        tree, plain = parse_yaml(text), parse_yaml(text, plain=True)
     except TextError as error:
         fix = _quotes(text, error.line)
         raise StudioError("settings.not_yaml", str(error), file=path, fix=fix, line=error.line) from None
-    if values is None:
+    if tree is None:
         return {}
-    if not isinstance(values, dict):
-        problem = f"expected sections such as 'capture:' and 'train:', found {type(values).__name__}"
+    if not isinstance(tree, dict):
+        problem = f"expected sections such as 'capture:' and 'train:', found {type(tree).__name__}"
         raise StudioError("settings.not_yaml", problem, file=path, fix="Indent settings under their section.")
     # "train:" with everything under it commented out is an empty section
-    return {name: {} if value is None else _as_written(name, value, plain.get(name)) for name, value in values.items()}
+    return {name: {} if value is None else _as_written(name, value, plain.get(name)) for name, value in tree.items()}
 
 
 def _as_written(section: str, values: Any, plain: Any) -> Any:
@@ -138,9 +138,9 @@ def _quotes(text: str, line: int | None) -> str:
     lines = text.splitlines()
     for number in (line or 0, (line or 0) - 1):  # YAML may notice at the next line
         pattern = r"\s*(\w+):\s*(\{(?:camera|frame)[^#]*|\d*:\s*$)"
-        found = re.match(pattern, lines[number - 1]) if 0 < number <= len(lines) else None
-        if found:
-            return f"Put the value in quotes: {found[1]}: '{found[2].strip()}'."
+        unquoted = re.match(pattern, lines[number - 1]) if 0 < number <= len(lines) else None
+        if unquoted:
+            return f"Put the value in quotes: {unquoted[1]}: '{unquoted[2].strip()}'."
     return "Fix the file."
 
 

@@ -47,9 +47,9 @@ class Notice(Event):
     @classmethod
     def of(cls, what: Message | None, **own: Any) -> Self:
         """The event of a message, JSON-ready and of bounded length; `own`: the attributes that it does not fill in."""
-        found = {} if what is None else what.to_dict()
-        parts = {name: found.pop(name) for name in ("message", "code", "file", "value", "fix") if name in found}
-        return cls(**parts, fields=found, **own)
+        told = {} if what is None else what.to_dict()
+        parts = {name: told.pop(name) for name in ("message", "code", "file", "value", "fix") if name in told}
+        return cls(**parts, fields=told, **own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,8 +202,8 @@ def read_line(line: bytes | str) -> tuple[Event | None, str]:
     event = None
     if start >= 0:
         try:
-            values, end = json.JSONDecoder().raw_decode(text, start)
-            event = _event_of(values)
+            fields, end = json.JSONDecoder().raw_decode(text, start)
+            event = _event_of(fields)
             text = text[:start] + text[end:]
         except (ValueError, RecursionError):  # truncated, nested too deeply, or not an event
             pass

@@ -1,1 +1,1 @@
-"""Which stages must run and why; running them; showing progress."""
+"""Runs: which stages must run and why, running them, showing progress."""

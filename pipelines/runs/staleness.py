@@ -5,6 +5,7 @@ import os
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import cast
 
 from pydantic import JsonValue
@@ -14,7 +15,7 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params
 from v3studio.pipelines.takes.authored.edits import PREFIX
 from v3studio.pipelines.takes.files.digests import digest_of, digests_of_files
-from v3studio.pipelines.takes.files.json_files import Result, write_model
+from v3studio.pipelines.takes.files.json_files import Result, cannot_read, write_model
 from v3studio.pipelines.takes.results.records import StageRecord, on_disk, read_failure, read_record, result_of
 from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import StudioError
@@ -77,10 +78,10 @@ class StageStatus:
 
 def current_params(stage: Stage, inputs: Inputs) -> Params:
     """Settings and inputs that the stage would use now. Raises StudioError: the footage cannot be read."""
-    found: Params = {"version of the stage": stage.version, **stage.code.params(inputs)}
+    params: Params = {"version of the stage": stage.version, **stage.code.params(inputs)}
     for dependency in stage.dependencies:
-        found[f"result of {dependency}"] = result_of(inputs.take, dependency)
-    return found
+        params[f"result of {dependency}"] = result_of(inputs.take, dependency)
+    return params
 
 
 def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) -> None:
@@ -103,40 +104,40 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     direct = [dependency for dependency in stage.dependencies if upstream[dependency].state != DONE]
     needed = {name for dependency in direct for name in (*upstream[dependency].needs, dependency)}
     waiting = [name for name in upstream if name in needed]
-    found, reason = StageStatus(stage.name, STALE if record else MISSING, needs=tuple(waiting)), ""
+    status, reason = StageStatus(stage.name, STALE if record else MISSING, needs=tuple(waiting)), ""
     if record:
-        found = replace(found, seconds=record.seconds, summary=record.summary)
+        status = replace(status, seconds=record.seconds, summary=record.summary)
     try:
         reasons = _why_not_done(stage, inputs, record, waiting)
         reason = "; ".join(map(str, reasons))
         units = stage.code.units(inputs) if reason and not waiting else None
     except StudioError as error:
         if record and not waiting and not reason and not error.code.startswith("take.edits_"):
-            return replace(found, state=DONE, reason=f"not checked against the footage: {error}")
-        return replace(found, reason=reason if record and reason else str(error))
+            return replace(status, state=DONE, reason=f"not checked against the footage: {error}")
+        return replace(status, reason=reason if record and reason else str(error))
     if not reason:
-        return replace(found, state=DONE)
+        return replace(status, state=DONE)
     if units is not None:
-        found = replace(found, units_done=units[0], units=units[1], unit=units[2])
+        status = replace(status, units_done=units[0], units=units[1], unit=units[2])
     failure = read_failure(inputs.take, stage.name)
     if failure:
-        return replace(found, state=FAILED, reason=f"last attempt: {failure.message}")
+        return replace(status, state=FAILED, reason=f"last attempt: {failure.message}")
     if record is None:
-        partial = bool(found.units_done) or (not waiting and _is_begun(stage, inputs))
+        partial = bool(status.units_done) or (not waiting and _is_begun(stage, inputs))
     else:  # if all units of a finished stage are valid, it is stale for another reason
-        partial = 0 < found.units_done < found.units
-    return replace(found, state=PARTIAL if partial else found.state, reason=reason, reasons=reasons)
+        partial = 0 < status.units_done < status.units
+    return replace(status, state=PARTIAL if partial else status.state, reason=reason, reasons=reasons)
 
 
 def assess_all(
     stages: tuple[Stage, ...], inputs: Inputs, known: dict[str, StageStatus] | None = None
 ) -> dict[str, StageStatus]:
     """The status of stages, in their order. `known`: of some, which are not looked at again; the others are added."""
-    found = {} if known is None else known
+    statuses = {} if known is None else known
     for stage in stages:
-        if stage.name not in found:
-            found[stage.name] = assess(stage, inputs, found)
-    return found
+        if stage.name not in statuses:
+            statuses[stage.name] = assess(stage, inputs, statuses)
+    return statuses
 
 
 def not_ready(stage: Stage, needed: StageStatus) -> StudioError:
@@ -183,11 +184,13 @@ def _is_begun(stage: Stage, inputs: Inputs) -> bool:
 
 
 def _state_of(path: str) -> os.stat_result | None:
-    """Of a file; None if there is none. A long take has ten thousand, hence no `Path`."""
+    """The size and times of a file; None if there is none. A long take has ten thousand, hence no `Path`."""
     try:
         return os.stat(path)
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
+    except OSError as error:  # it may be there
+        raise cannot_read(Path(path), error) from None
 
 
 _SOURCES = ("camera file", "board footage", "tie points", "footage")

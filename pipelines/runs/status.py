@@ -34,7 +34,7 @@ def running(take: Take) -> Running | None:
     pid = holder.get("pid")
     host = holder.get("host")
     elsewhere = str(host) if host not in (None, socket.gethostname()) else None
-    found = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")), elsewhere)
+    now = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")), elsewhere)
     begun = started = progress = ""
     with contextlib.suppress(OSError), take.log.open(encoding="utf-8", errors="replace") as log:
         for line in log:  # the log of a long run has megabytes, of which few lines matter
@@ -46,13 +46,13 @@ def running(take: Take) -> Running | None:
                 progress = line
     run, stage, last = (read_line(line)[0] for line in (begun, started, progress))  # one may be incomplete
     # commands other than runs do not write a log: it is then of an earlier run
-    if not isinstance(run, RunStarted) or run.pid != found.pid or not isinstance(stage, StageStarted):
-        return found
-    return replace(found, stage=stage.stage, reason=stage.reason, progress=last if isinstance(last, Progress) else None)
+    if not isinstance(run, RunStarted) or run.pid != now.pid or not isinstance(stage, StageStarted):
+        return now
+    return replace(now, stage=stage.stage, reason=stage.reason, progress=last if isinstance(last, Progress) else None)
 
 
 def progress(take: Take) -> tuple[str, str, float | None]:
-    """Of the run in progress: words, such as "train 43%, 12 min 05 s left", with the time of the run, or "starting";
+    """The progress of a run: words, such as "train 43%, 12 min 05 s left", with the time of the run, or "starting";
     the stage, "" before the first; and how much of the stage is done, 0 to 1, or None if it has not reported yet."""
     try:
         now = running(take)
@@ -112,16 +112,16 @@ def _running(now: Running) -> tuple[str, str, str]:
 
 
 def status_values(take: Take, config: Config) -> dict[str, JsonData]:
-    """The same for programs. `running` says which stage runs; its state in `stages` is "running"."""
+    """The status for programs. `running` says which stage runs; its state in `stages` is "running"."""
     stages = {name: asdict(state) for name, state in status(take, config).items()}
     now = running(take)
     if now is None:
         return {"take": str(take.root), "running": None, "stages": stages}
-    found: dict[str, JsonData] = {name: getattr(now, name) for name in ("pid", "host", "command", "stage", "reason")}
-    found["host"] = now.host or socket.gethostname()
+    about: dict[str, JsonData] = {name: getattr(now, name) for name in ("pid", "host", "command", "stage", "reason")}
+    about["host"] = now.host or socket.gethostname()
     if now.progress is not None:
         names = ("fraction", "seconds_left", "total_seconds_left", "label")
-        found |= {name: getattr(now.progress, name) for name in names}
+        about |= {name: getattr(now.progress, name) for name in names}
     if now.stage in stages:
         stages[now.stage] |= {"state": "running", "reason": now.reason}
-    return {"take": str(take.root), "running": found, "stages": stages}
+    return {"take": str(take.root), "running": about, "stages": stages}

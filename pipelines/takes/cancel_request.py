@@ -68,7 +68,10 @@ def cancelled_on_request(take: Take, cancel: Callable[[], None]) -> Iterator[Non
 def _asked(take: Take) -> bool:
     """Whether this process is asked to stop."""
     try:
-        found = parse_json(take.cancel_request.read_bytes())
+        asked = parse_json(take.cancel_request.read_bytes())
     except (OSError, ValueError):
         return False
-    return isinstance(found, dict) and (found.get("pid"), found.get("host")) == (os.getpid(), socket.gethostname())
+    return isinstance(asked, dict) and (asked.get("pid"), asked.get("host")) == (
+        os.getpid(),
+        socket.gethostname(),
+    )

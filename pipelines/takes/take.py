@@ -98,11 +98,11 @@ class Take:
             lost = _looks_like(root)
             fix = f"If take.json was lost, {command} writes a new one." if lost else "Specify the folder of a take."
             raise StudioError("take.not_a_take", "not a take: it has no take.json", file=root, fix=fix, lost=lost)
-        found = read_json(root / "take.json")
+        content = read_json(root / "take.json")
         try:
-            about = TakeFile.model_validate(found)
+            about = TakeFile.model_validate(content)
         except ValidationError:
-            about = TakeFile(format=found.get("format") if isinstance(found, dict) else None)
+            about = TakeFile(format=content.get("format") if isinstance(content, dict) else None)
         if about.format != TAKE_FORMAT:
             raise StudioError(
                 "take.unknown_format",
@@ -155,7 +155,7 @@ class Take:
         return self.train_group(group) / f"frame_{index:06d}.safetensors"
 
     def finished_frame(self, group: int, index: int) -> Path:
-        """The same as it is baked, evaluated, edited and exported: the result of the last stage before `bake`."""
+        """The Gaussians of a frame as it is baked, evaluated, edited and exported: of the last stage before `bake`."""
         return self.trained_frame(group, index)
 
     def trained_files(self) -> tuple[list[Path], tuple[int, ...]]:
@@ -171,7 +171,7 @@ class Take:
         return files, tuple(starts)
 
     def separate_frame(self, group: int, index: int) -> Path:
-        """The same before the frames of the group were trained jointly; exists if they were."""
+        """The Gaussians of a frame before its group was trained jointly; exists if it was."""
         return self.train_group(group) / f"separate_{index:06d}.safetensors"
 
     def keyframe_checkpoint(self, group: int) -> Path:

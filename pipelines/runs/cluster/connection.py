@@ -74,15 +74,15 @@ def connected(address: str, cpus: int) -> Iterator[Any]:
 
 def _check_port(address: str) -> None:
     """Ray itself waits half a minute for a head node that is not there."""
-    found = re.fullmatch(r"(?:ray://)?\[?([^\]/]+?)\]?:([0-9]{1,5})", address)
+    parts = re.fullmatch(r"(?:ray://)?\[?([^\]/]+?)\]?:([0-9]{1,5})", address)
     if address in ("local", "auto"):
         return
-    if found is None:
+    if parts is None:
         problem = f"'{address}' is not the address of a cluster"
         fix = "Example: ray://head:10001."
         raise StudioError("cluster.address", problem, value=address, fix=fix, setting="run.address")
     try:
-        socket.create_connection((found[1], int(found[2])), timeout=CONNECT_SECONDS).close()
+        socket.create_connection((parts[1], int(parts[2])), timeout=CONNECT_SECONDS).close()
     except (OSError, OverflowError) as error:
         raise _unreachable(address, getattr(error, "strerror", None) or str(error)) from None
 
@@ -104,8 +104,8 @@ def _refused(address: str, error: Exception) -> StudioError:
     if re.search(r"token|unauthenticated|authenticat", text, re.IGNORECASE):
         return _wrong_token(address)
     if "ersion" in text and "Ray" in text and "Python" in text:
-        found = re.findall(r"(?:Ray|Python): ([0-9][0-9A-Za-z.]*)", text)
-        told = f" ({', '.join(found)})" if found else ""
+        versions = re.findall(r"(?:Ray|Python): ([0-9][0-9A-Za-z.]*)", text)
+        told = f" ({', '.join(versions)})" if versions else ""
         problem = f"the cluster at {address} has other versions of Ray or Python than this machine{told}"
         fix = "Install the same versions on all machines."
         return StudioError("cluster.version", problem, value=address, fix=fix, setting="run.address")

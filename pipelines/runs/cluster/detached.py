@@ -24,7 +24,7 @@ class Starter:
         # not as a setting: the run would write the address, which is for this node, to the take
         address = ray.get_runtime_context().gcs_address
         process = launch(words, errors, {ADDRESS_VARIABLE: address})
-        found = until_begun(process, take.log, errors)
+        launched = until_begun(process, take.log, errors)
 
         def wait() -> None:
             process.wait()
@@ -32,7 +32,7 @@ class Starter:
             os._exit(0)
 
         threading.Thread(target=wait, daemon=True).start()
-        return found
+        return launched
 
 
 def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
@@ -41,11 +41,11 @@ def start_on_head(address: str, words: Sequence[str], place: str) -> Launched:
         options = {"lifetime": "detached", "num_cpus": 0, "resources": {"node:__internal_head__": 0.001}}
         starter = ray.remote(Starter).options(**options).remote()
         try:
-            found: Launched = ray.get(starter.start.remote(list(words), place))
+            launched: Launched = ray.get(starter.start.remote(list(words), place))
         except (ray.exceptions.RayError, ConnectionError) as error:
             ray.kill(starter)
             lines = str(error).strip().splitlines() or [type(error).__name__]
             problem = f"the head node of {address} cannot start the run ({lines[-1]})"
             fix = "Mount the take under the same path there, and install the same version of V3 Studio."
             raise StudioError("cluster.not_visible", problem, fix=fix) from None
-        return found
+        return launched

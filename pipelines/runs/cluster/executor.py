@@ -52,7 +52,7 @@ class _Job:
 
 @dataclass
 class RayExecutor:
-    """See `pipelines.stages.Executor`. `memory_floor`: bytes of each task, raised after one ran out."""
+    """An `Executor` on a Ray cluster. `memory_floor`: bytes of each task, raised after one ran out."""
 
     ray: Any
     nodes: Nodes = field(init=False)
@@ -320,7 +320,7 @@ class _Run:
         if job.wanted is not None and job.wanted.memory < self._wanted(job).memory:  # before this was known
             self._again(job)
             return
-        beside = sum(one.node == job.node for one in self._running.values()) + 1
+        beside = sum(other.node == job.node for other in self._running.values()) + 1
         share = self._nodes.memory(job.node) / max(1, beside // 2)
         self._executor.memory_floor = max(2 * self._wanted(job).memory, share)
         if beside == 1:

@@ -24,7 +24,7 @@ class Wanted:
         return {name: amount for name, amount in amounts.items() if amount}
 
     def __str__(self) -> str:
-        """For people: "4 CPUs, 1 GPU and 8.0 GB of memory"."""
+        """The text for people: "4 CPUs, 1 GPU and 8.0 GB of memory"."""
         return _amounts(self.cpus, self.gpus, self.memory)
 
 
@@ -53,7 +53,8 @@ class _Node:
 
 
 class Nodes:
-    """See the module. `excluded`: ids of nodes that get no more tasks: they do not see take or footage."""
+    """The nodes of a cluster: what they have, and what holds them. `excluded`: ids of nodes that get no more
+    tasks, since they do not see take or footage."""
 
     def __init__(self, ray: Any) -> None:
         self._ray = ray
@@ -73,11 +74,11 @@ class Nodes:
         """A node's host name, with the beginning of its id where several have the same; "a node" if it is unknown."""
         if node not in self._found:
             self._look()
-        found = self._found.get(node)
-        if found is None:
+        known = self._found.get(node)
+        if known is None:
             return "a node"
-        same = [one for one in self._found.values() if one.host == found.host]
-        return found.host if len(same) == 1 else f"{found.host}-{node[:4]}"
+        same = [other for other in self._found.values() if other.host == known.host]
+        return known.host if len(same) == 1 else f"{known.host}-{node[:4]}"
 
     def memory(self, node: str) -> float:
         """Bytes of a node that tasks may take; 0 if it is unknown."""
@@ -98,8 +99,8 @@ class Nodes:
 
     def sizes(self) -> str:
         """What the usable nodes have, for people: the sizes, each once, the largest first."""
-        found = [self._found[key].resources for key in self.usable()]
-        sizes = {tuple(one.get(name, 0.0) for name in ("CPU", "GPU", "memory")) for one in found}
+        resources = [self._found[key].resources for key in self.usable()]
+        sizes = {tuple(amounts.get(name, 0.0) for name in ("CPU", "GPU", "memory")) for amounts in resources}
         return "; ".join(f"nodes with {_amounts(*size)}" for size in sorted(sizes, reverse=True)) or "no usable node"
 
     def holders(self, wanted: Wanted) -> str:

@@ -70,7 +70,7 @@ class GroupTask:
 
 
 def versions() -> tuple[str, str]:
-    """Of V3 Studio and of Python ("3.11")."""
+    """The versions of V3 Studio and of Python ("3.11")."""
     from v3studio.pipelines.version import program_version
 
     return program_version(), ".".join(platform.python_version_tuple()[:2])
@@ -89,9 +89,9 @@ def run_task(task: GroupTask, node: str) -> Message | None:
 
 def _plain(message: Message) -> Message:
     known = {"code", "message", "file", "value", "fix"}
-    found = message.to_dict()
-    fields = {name: value for name, value in found.items() if name not in known}
-    return Message(message.code, message.problem, found.get("file"), found.get("value"), message.fix, fields)
+    parts = message.to_dict()
+    fields = {name: value for name, value in parts.items() if name not in known}
+    return Message(message.code, message.problem, parts.get("file"), parts.get("value"), message.fix, fields)
 
 
 def _refuse_other_versions(task: GroupTask) -> None:
@@ -152,10 +152,10 @@ def _here(path: Path, what: str, task: GroupTask) -> Path:
     from v3studio.pipelines.takes.files.path_here import is_there, places_to_look
 
     places = places_to_look(path, dict(task.paths))
-    found = next((place for place in places if is_there(place)), None)
-    if found is None:
+    there = next((place for place in places if is_there(place)), None)
+    if there is None:
         raise _not_visible(what, path, f", nor under {', '.join(map(str, places[1:]))}" if places[1:] else "")
-    return found
+    return there
 
 
 def _not_visible(what: str, file: str | os.PathLike[str], how: str) -> StudioError:

@@ -26,7 +26,7 @@ PATH_SUFFIXES = (".json", *FILM_FORMATS)  # extensions of files with a camera pa
 
 
 def film_world(video: SplatVideo, *, upright: bool = True) -> Similarity:
-    """From the world of a video's splats to that of film tools and exported USD: y up if `upright`."""
+    """The transform from the world of a video's splats to that of film tools and exported USD: y up if `upright`."""
     rotation = axes_of(video, EXPORTS["exr"].up, upright)
     return video.original if rotation is None else Similarity(video.original.scale, rotation)
 
@@ -79,12 +79,12 @@ def keys_in_take(source: str, of: str, path: Path, camera: str | None = None) ->
     keys = path_keys(video, path, camera=camera)
     if len(keys) == 1:
         keys = [keys[0], replace(keys[0], time=keys[0].time + video.duration - 1 / video.fps)]
-    found = []
+    placed = []
     for key in keys:
         index = round(key.time * video.fps if key.frame is None else key.frame)
         if 0 <= index < video.frame_count:
-            found.append(replace(key, camera=world.inverse.camera(key.camera), frame=float(video.number(index))))
-    return found
+            placed.append(replace(key, camera=world.inverse.camera(key.camera), frame=float(video.number(index))))
+    return placed
 
 
 def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) -> list[Key]:

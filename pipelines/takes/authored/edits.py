@@ -61,12 +61,12 @@ def read_edits_file(path: Path) -> EditsFile:
     if not path.exists():
         return EditsFile()
     try:
-        found: Any = read_json(path, MAX_FILE_BYTES)
-        if isinstance(found, dict) and found.get("format") != EDITS_FORMAT:
-            problem = f"edits of format {found.get('format')!r}; this version reads format {EDITS_FORMAT}"
+        content: Any = read_json(path, MAX_FILE_BYTES)
+        if isinstance(content, dict) and content.get("format") != EDITS_FORMAT:
+            problem = f"edits of format {content.get('format')!r}; this version reads format {EDITS_FORMAT}"
             fix = "Use the version that wrote it."
-            raise StudioError("take.edits_unknown_format", problem, file=path, value=found.get("format"), fix=fix)
-        return validated(path, found, EditsFile)
+            raise StudioError("take.edits_unknown_format", problem, file=path, value=content.get("format"), fix=fix)
+        return validated(path, content, EditsFile)
     except StudioError as error:
         if error.code == "take.edits_unknown_format":
             raise
@@ -82,14 +82,14 @@ def change_edits(path: Path, edits: EditList, words: str, replaces: EditList | N
     cannot be written (`take.disk_full`, `take.not_writable`).
     """
     with changing(path):
-        found = read_edits_file(path)
-        if replaces is not None and found.edits != replaces:
+        file = read_edits_file(path)
+        if replaces is not None and file.edits != replaces:
             fix = "Look at them, then make the change again."
             raise StudioError("take.edits_changed", "the edits were changed in the meantime", file=path, fix=fix)
-        if found.edits == edits:
-            return found
-        step = Step(words=words[:200], edits=found.edits)
-        return _write(path, EditsFile(edits=edits, undo=(*found.undo, step)[-MOST_STEPS:]))
+        if file.edits == edits:
+            return file
+        step = Step(words=words[:200], edits=file.edits)
+        return _write(path, EditsFile(edits=edits, undo=(*file.undo, step)[-MOST_STEPS:]))
 
 
 def step_edits(path: Path, name: Literal["undo", "redo"]) -> str:
@@ -97,12 +97,12 @@ def step_edits(path: Path, name: Literal["undo", "redo"]) -> str:
     `take.nothing_to_undo`, `take.nothing_to_redo`."""
     back = "undo" if name == "redo" else "redo"
     with changing(path):
-        found = read_edits_file(path)
-        steps: tuple[Step, ...] = getattr(found, name)
+        file = read_edits_file(path)
+        steps: tuple[Step, ...] = getattr(file, name)
         if not steps:
             raise StudioError(f"take.nothing_to_{name}", f"there is no edit to {name}", file=path, fix=_SHOW)
         step = steps[-1]
-        kept = (*getattr(found, back), Step(words=step.words, edits=found.edits))[-MOST_STEPS:]
+        kept = (*getattr(file, back), Step(words=step.words, edits=file.edits))[-MOST_STEPS:]
         _write(path, EditsFile.model_validate({"edits": step.edits, name: steps[:-1], back: kept}))
         return step.words
 
@@ -136,20 +136,20 @@ PREFIX = "edits."  # of the names of parameters that are edits
 def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
     """What is edited, of these names (none: all but the marked details, which only training uses), as parameters of a
     stage: nothing without edits, so that results without them stay as they are."""
-    values = edits.model_dump(mode="json")
-    if values["crop"] is not None:
-        del values["crop"]["training"]  # whether training sees the box, too, changes nothing here
-    chosen = names or [name for name in values if name != "details"]
-    return {f"{PREFIX}{name}": values[name] for name in chosen if values[name] not in (None, [])}
+    dumped = edits.model_dump(mode="json")
+    if dumped["crop"] is not None:
+        del dumped["crop"]["training"]  # whether training sees the box, too, changes nothing here
+    chosen = names or [name for name in dumped if name != "details"]
+    return {f"{PREFIX}{name}": dumped[name] for name in chosen if dumped[name] not in (None, [])}
 
 
 def frame_of(take: Take) -> Similarity:
-    """From the world of the take's cameras to its own frame; the identity if it has no cameras yet."""
+    """The transform from the world of the take's cameras to its own frame; the identity if it has no cameras yet."""
     return own_frame(read_rig(take.rig)) if take.rig.is_file() else Similarity()
 
 
 def placed_world(edits: EditList, frame: Similarity) -> Similarity:
-    """From the take's own frame to the world that the edits place, else to that of its cameras."""
+    """The transform from the take's own frame to the world that the edits place, else to that of its cameras."""
     return undone(frame, placed=edits.world is not None).after(edits.similarity)
 
 
@@ -161,14 +161,14 @@ def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]
     if frame is not None and edits.world is not None:
         origin = frame.inverse.points(np.array(edits.world.origin)).tolist()
         edits = edits.model_copy(update={"world": edits.world.model_copy(update={"origin": tuple(origin)})})
-    found: dict[str, str] = {}
+    sentences: dict[str, str] = {}
     for name in EditList.model_fields:
         value = getattr(edits, name)
         if isinstance(value, tuple):
-            found |= {f"{name} {number}": words_of(one, placed) for number, one in enumerate(value, 1)}
+            sentences |= {f"{name} {number}": words_of(edit, placed) for number, edit in enumerate(value, 1)}
         elif value is not None:
-            found[name] = words_of(value, placed)
-    return found
+            sentences[name] = words_of(value, placed)
+    return sentences
 
 
 def singular(name: str) -> str:
@@ -216,16 +216,16 @@ def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailM
 
 
 def _limits(floaters: Floaters) -> list[str]:
-    found = [] if floaters.opacity is None else [f"splats that never reach opacity {floaters.opacity:.4g}"]
+    limits = [] if floaters.opacity is None else [f"splats that never reach opacity {floaters.opacity:.4g}"]
     if floaters.splats is not None:
-        found.append(f"clusters of fewer than {floaters.splats} splats")
+        limits.append(f"clusters of fewer than {floaters.splats} splats")
     if floaters.share is not None:
-        found.append(f"clusters of less than {100 * floaters.share:.4g}% of the splats")
+        limits.append(f"clusters of less than {100 * floaters.share:.4g}% of the splats")
     if floaters.distance is not None:
-        found.append(f"clusters {floaters.distance:.4g} apart")
-    return found
+        limits.append(f"clusters {floaters.distance:.4g} apart")
+    return limits
 
 
-def _point(values: Sequence[float] | np.ndarray) -> str:
+def _point(coordinates: Sequence[float] | np.ndarray) -> str:
     # zero must not be "-0", as turns make of it
-    return f"({', '.join(f'{value + 0.0:.4g}' for value in np.round(values, 12))})"
+    return f"({', '.join(f'{value + 0.0:.4g}' for value in np.round(coordinates, 12))})"

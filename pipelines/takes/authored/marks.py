@@ -26,7 +26,7 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class MarkView(Result):
-    """From where a frame was looked at when it was marked, and what was compared. World coordinates of the take."""
+    """The view of a frame when it was marked, and what was compared. World coordinates of the take."""
 
     eye: Point  # position of the viewer
     target: Point  # the point looked at, not that of the viewer
@@ -87,8 +87,8 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
     if mark is not None:
         mark = _plain(path, mark)
     with changing(path):
-        found = _read(path)
-        marks = {one.frame: one for one in found.marks}
+        file = _read(path)
+        marks = {marked.frame: marked for marked in file.marks}
         if marks.get(frame) == mark:
             return marks
         if _content(marks.get(frame)) != _content(replaces):
@@ -102,13 +102,13 @@ def change_mark(path: Path, frame: int, mark: Mark | None, replaces: Mark | None
             raise StudioError("take.too_many_marks", problem, file=path, fix="Remove some.")
         else:
             marks[frame] = mark
-        write_model(path, found.model_copy(update={"marks": tuple(marks[one] for one in sorted(marks))}), durable=True)
+        write_model(path, file.model_copy(update={"marks": tuple(marks[at] for at in sorted(marks))}), durable=True)
     return marks
 
 
 def plain_note(text: str) -> str:
     """`plain_text`, without characters that no font has."""
-    return "".join(one for one in plain_text(text) if unicodedata.category(one) not in ("Cs", "Co", "Cn")).strip()
+    return "".join(sign for sign in plain_text(text) if unicodedata.category(sign) not in ("Cs", "Co", "Cn")).strip()
 
 
 def _plain(path: Path, mark: Mark) -> Mark:
@@ -117,16 +117,16 @@ def _plain(path: Path, mark: Mark) -> Mark:
         if len(text) > most:
             problem = f"the {what} has {len(text)} characters, at most {most} are kept"
             raise StudioError("take.mark_too_long", problem, file=path, fix="Shorten it.")
-    values: dict[str, object] = {"frame": mark.frame, "note": note} | ({"author": author} if author else {})
+    fields: dict[str, object] = {"frame": mark.frame, "note": note} | ({"author": author} if author else {})
     if mark.view is not None:
         # of what a browser has sent, only what is known
         view = mark.view.model_dump(include=set(MarkView.model_fields))
         try:
-            values["view"] = MarkView.model_validate({**view, "camera": plain_note(mark.view.camera)})
+            fields["view"] = MarkView.model_validate({**view, "camera": plain_note(mark.view.camera)})
         except ValidationError:
             problem = f"the view of frame {mark.frame} is too far away"
             raise StudioError("take.mark_too_far", problem, file=path, fix="Move closer.") from None
-    return Mark.model_validate(values)
+    return Mark.model_validate(fields)
 
 
 def _content(mark: Mark | None) -> tuple[str, str] | None:

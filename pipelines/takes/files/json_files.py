@@ -52,10 +52,10 @@ def read_model(path: Path, model: type[Model]) -> Model:
     return validated(path, read_json(path), model)
 
 
-def validated(path: Path, values: Any, model: type[Model]) -> Model:
+def validated(path: Path, content: Any, model: type[Model]) -> Model:
     """The model of what was read from a JSON file."""
     try:
-        return model.model_validate(values)
+        return model.model_validate(content)
     except ValidationError as error:
         where, problem = first_violation(error)
         raise StudioError("take.damaged", problem, file=path, fix=_AGAIN, key=where) from None

@@ -14,10 +14,10 @@ def sweep_partial(folder: Path) -> int:
     Those of processes that still run stay: marks are written, and exports made, while a run continues. So do those of
     other machines until nothing was written to them for an hour: groups may be worked on there.
     """
-    found = _leftovers(folder)
-    for path in found:
+    paths = _leftovers(folder)
+    for path in paths:
         remove(path)
-    return len(found)
+    return len(paths)
 
 
 _NEVER_EMPTY = (".json", ".safetensors", ".checkpoint", ".ply")
@@ -27,17 +27,17 @@ _MADE_BY_PEOPLE = ("camera_path.json", "edits.json", "marks.json")
 def _leftovers(folder: Path) -> list[Path]:
     """What `sweep_partial` deletes. Empty files are those of kinds that this program never writes empty, but not what a
     person made, and no temporary ones: those that are being written begin empty."""
-    found = []
+    paths = []
     for root, folders, names in os.walk(folder):
         for name in [name for name in (*folders, *names) if PARTIAL in name]:
             path = Path(root, name)
             set_aside = f".old{PARTIAL}" in name  # `restore_old` puts it back
             if name.startswith(".") and not set_aside and not is_being_written(path):
-                found.append(path)
+                paths.append(path)
         folders[:] = [name for name in folders if PARTIAL not in name]
         for name in names:
             if name.endswith(_NEVER_EMPTY) and PARTIAL not in name and name not in _MADE_BY_PEOPLE:
                 with contextlib.suppress(FileNotFoundError):
                     if os.lstat(file := os.path.join(root, name)).st_size == 0:
-                        found.append(Path(file))
-    return found
+                        paths.append(Path(file))
+    return paths

@@ -84,9 +84,9 @@ def holder_of(path: Path, anywhere: bool = False) -> JsonObject | None:
 
 def _said(text: str) -> JsonObject:
     with contextlib.suppress(TextError):
-        values = parse_json(text)
-        if isinstance(values, dict):
-            return values
+        said = parse_json(text)
+        if isinstance(said, dict):
+            return said
     return {}
 
 

@@ -21,8 +21,8 @@ def is_there(place: Path) -> bool:
 
 def places_to_look(path: Path, paths: Mapping[str, Sequence[str]]) -> list[Path]:
     """The path itself, and the paths that it may have on other machines, the longest match first."""
-    found = [path]
+    places = [path]
     for folder in sorted(paths, key=len, reverse=True):
         if path.is_relative_to(folder):
-            found += [Path(other) / path.relative_to(folder) for other in paths[folder]]
-    return found
+            places += [Path(other) / path.relative_to(folder) for other in paths[folder]]
+    return places

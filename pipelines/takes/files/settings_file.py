@@ -40,10 +40,10 @@ def changed_text(path: Path, values: Mapping[str, Any]) -> str | None:
         *sections, last = name.split(".")
         target = tree
         for section in sections:
-            found = target.get(section)
-            if not isinstance(found, dict):
-                found = target[section] = type(tree)()
-            target = found
+            inner = target.get(section)
+            if not isinstance(inner, dict):
+                inner = target[section] = type(tree)()
+            target = inner
         if last not in target or json.loads(json.dumps(target[last], default=str)) != value:
             target[last] = value
             changed = True

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 
 def edits_of_group(edits: EditList, group: Group) -> EditList:
-    """Those that concern a trained group: without the regions that hold for other frames only, and without a trim."""
-    return edits.with_(regions=tuple(one for one in edits.regions if concerns(one.frames, group)), trim=None)
+    """The edits that concern a trained group: without regions that hold for other frames only, and without a trim."""
+    return edits.with_(regions=tuple(region for region in edits.regions if concerns(region.frames, group)), trim=None)
 
 
 def concerns(frames: tuple[int, int] | None, group: Group) -> bool:
@@ -66,7 +66,7 @@ def newly_removed(take: Take, before: EditList, after: Sequence[EditList], progr
         progress(done, len(groups))
         paths = read_paths(take, group)
         old, *new = (select(edits_of_group(edits, group), paths).removed for edits in (before, *after))
-        counts = [count + int((one & ~old).sum()) for count, one in zip(counts, new, strict=True)]
+        counts = [count + int((now & ~old).sum()) for count, now in zip(counts, new, strict=True)]
     return counts
 
 
@@ -91,14 +91,14 @@ def followed(take: Take, frame: int | None, center: np.ndarray, radius: float, w
 
     @lru_cache(maxsize=4)  # those around a border between groups
     def means_at(index: int) -> np.ndarray:
-        found: np.ndarray = read_frame(files[index]).means.numpy()
+        means: np.ndarray = read_frame(files[index]).means.numpy()
         group = bisect_right(starts, index) - 1
-        if splats.setdefault(group, len(found)) != len(found):
+        if splats.setdefault(group, len(means)) != len(means):
             raise of_two_trainings(take, group)
-        return found
+        return means
 
-    found = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
-    return found.model_copy(update={"path": tuple((numbers.number(at), place) for at, place in found.path)})
+    mark = follow(means_at, [group.indices for group in groups], index, center, radius, weight)
+    return mark.model_copy(update={"path": tuple((numbers.number(at), place) for at, place in mark.path)})
 
 
 class EditedGroup:
@@ -147,7 +147,7 @@ class EditedGroup:
         return chosen
 
     def edited(self, gaussians: Gaussians, among: torch.Tensor | None = None) -> Gaussians:
-        """As `cut`, in the world of the stream."""
+        """The frame as `cut` returns it, but in the world of the stream."""
         from v3studio.studio.formats.rigid_motion import placed
 
         return placed(self.cut(gaussians, among), self._edits.similarity)

@@ -22,7 +22,7 @@ class FrameNumbers:
 
     @classmethod
     def of(cls, groups: Iterable[Group]) -> FrameNumbers:
-        """Those of the frames of a take's groups, in their order."""
+        """The numbers of the frames of a take's groups, in their order."""
         return cls(tuple(frame for group in groups for frame in group.frames))
 
     def number(self, index: int) -> int:
@@ -51,11 +51,11 @@ class FrameNumbers:
 def trained_groups(take: Take) -> list[Group]:
     """The groups of the trained frames, up to the first missing one. Raises StudioError: `take.*`."""
     files, starts = take.trained_files()
-    found = []
+    groups = []
     for index, (start, end) in enumerate(pairwise((*starts, len(files)))):
         frames = read_model(take.train_group(index) / "group.json", TrainedGroup).frames
-        found.append(Group(index, start, frames[: end - start]))
-    return found
+        groups.append(Group(index, start, frames[: end - start]))
+    return groups
 
 
 def frames_so_far(take: Take) -> tuple[dict[int, Path], list[Group]]:
@@ -77,5 +77,5 @@ def frames_so_far(take: Take) -> tuple[dict[int, Path], list[Group]]:
 
 
 def trained_numbers(take: Take) -> FrameNumbers:
-    """Those of the trained frames. Raises StudioError as `trained_groups`."""
+    """The numbers of the trained frames. Raises StudioError as `trained_groups`."""
     return FrameNumbers.of(trained_groups(take))

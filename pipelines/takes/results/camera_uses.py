@@ -24,10 +24,10 @@ def settings_of_uses(uses: Mapping[str, str], spec: CaptureSettings) -> dict[str
     if "training" not in uses.values():
         problem = "no camera is left to train on"
         raise StudioError("settings.no_training_camera", problem, fix="Use at least one for it.")
-    values: dict[str, object] = {
+    settings: dict[str, object] = {
         "capture.cameras": [] if len(used) == len(uses) else used,
         "capture.held_out": [name for name, use in uses.items() if use == "held out"],
     }
     if any(name not in used for name in spec.offsets):
-        values["capture.offsets"] = {name: offset for name, offset in spec.offsets.items() if name in used}
-    return values
+        settings["capture.offsets"] = {name: offset for name, offset in spec.offsets.items() if name in used}
+    return settings

@@ -31,8 +31,8 @@ class Quality(_Figures):
     @property
     def measures(self) -> dict[str, float]:
         """Metrics by name, in the order of `MEASURES`, without those that were not measured."""
-        found = {name: getattr(self, name) for name in MEASURES}
-        return {name: value for name, value in found.items() if value is not None}
+        measured = {name: getattr(self, name) for name in MEASURES}
+        return {name: value for name, value in measured.items() if value is not None}
 
 
 class FrameQuality(Quality):
@@ -76,19 +76,19 @@ class EvaluationSummary(Quality):
     @property
     def words(self) -> list[str]:
         """One part of a sentence each."""
-        found, measures = [], self.measures
+        parts, measures = [], self.measures
         for metric in EVALUATED:
             if f"{metric.name}_decoded" in measures:
                 decoded, trained = (metric.text(measures[f"{metric.name}_{what}"]) for what in ("decoded", "trained"))
-                found.append(f"{metric.title} {decoded} (before baking {trained})")
+                parts.append(f"{metric.title} {decoded} (before baking {trained})")
             if metric is MAIN:
-                found.append(f"lowest frame {metric.text(self.psnr_decoded_lowest_frame)}")
-        found.append(f"{size_words(self.bytes_per_frame)} per frame")
+                parts.append(f"lowest frame {metric.text(self.psnr_decoded_lowest_frame)}")
+        parts.append(f"{size_words(self.bytes_per_frame)} per frame")
         if self.flicker is not None:
             borders = self.flicker_at_group_borders
             at = "" if borders is None else f" ({borders:.1f} at group borders)"
-            found.append(f"flicker {self.flicker:.1f} of 255 levels{at}")
-        return found
+            parts.append(f"flicker {self.flicker:.1f} of 255 levels{at}")
+        return parts
 
 
 class Protocol(Result):
@@ -134,7 +134,7 @@ class Evaluation(Result):
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Those that were measured."""
+        """The metrics that were measured."""
         return tuple(metric for metric in EVALUATED if f"{metric.name}_decoded" in self.summary.measures)
 
 

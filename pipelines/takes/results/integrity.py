@@ -73,9 +73,9 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
     made = {path: read for path, read in _made_by_people(take).items() if path.exists()}
     files += made
     work.append(_unreadable(take, path, read) for path, read in made.items())
-    for done, found in enumerate(itertools.chain(*work), 1):
+    for done, problem in enumerate(itertools.chain(*work), 1):
         progress(done, max(done, len(files)))
-        damage += [found] if found else []
+        damage += [problem] if problem else []
     size = sum(path.stat().st_size for path in files if path.is_file())
     return Integrity(files=len(files), bytes=size, damage=tuple(damage), unchecked=tuple(unchecked))
 
@@ -83,18 +83,18 @@ def check_take(take: Take, stages: Iterable[str], progress: ProgressFn = no_prog
 def refuse_damage(take: Take, stage: str, fix: str = "") -> None:
     """Check the results of a finished stage before they are used."""
     record = read_record(take, stage)
-    for found in filter(None, changed_files(take, record) if record else ()):
+    for damage in filter(None, changed_files(take, record) if record else ()):
         raise StudioError(
             "take.damaged",
-            f"the file is {found.problem}: it is not what the stage {stage} wrote when it last finished",
-            file=take.root / found.file,
+            f"the file is {damage.problem}: it is not what the stage {stage} wrote when it last finished",
+            file=take.root / damage.file,
             fix=fix or f"Run `v3studio {stage} --force`.",
             stage=stage,
         )
 
 
 def changed_files(take: Take, record: StageRecord) -> Iterator[Damage | None]:
-    """For each file that a stage wrote, its damage or None."""
+    """Yield the damage of each file that a stage wrote, or None."""
     for name in record.files:
         path = take.root / name
         if not path.is_file():
@@ -113,8 +113,8 @@ def kept_folders(take: Take) -> list[Take]:
 
 def _changed_of_kept(take: Take, kept: Take, record: StageRecord) -> Iterator[Damage | None]:
     folder = kept.root.relative_to(take.root).as_posix()
-    for found in changed_files(kept, record):
-        yield found and found.model_copy(update={"file": f"{folder}/{found.file}", "stage": ""})
+    for damage in changed_files(kept, record):
+        yield damage and damage.model_copy(update={"file": f"{folder}/{damage.file}", "stage": ""})
 
 
 def _made_by_people(take: Take) -> dict[Path, Callable[[Path], object]]:

@@ -104,8 +104,8 @@ class KeptBake:
 def kept_bakes(take: Take) -> list[KeptBake]:
     """The kept bakes of a take, oldest first; damaged ones and other folders are left out."""
     edits, settings = _present_edits(take), _present_settings(take)
-    found = [_kept(take, one, edits, settings) for one in kept_folders(take) if _NAME.fullmatch(one.root.name)]
-    return sorted((kept for kept in found if kept is not None), key=lambda kept: (kept.baked, kept.name))
+    bakes = [_kept(take, folder, edits, settings) for folder in kept_folders(take) if _NAME.fullmatch(folder.root.name)]
+    return sorted((kept for kept in bakes if kept is not None), key=lambda kept: (kept.baked, kept.name))
 
 
 def _params(records: list[StageRecord]) -> dict[str, JsonValue]:
@@ -115,13 +115,13 @@ def _params(records: list[StageRecord]) -> dict[str, JsonValue]:
 def _settings_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
     """The settings among parameters of stages, by dotted name, also those that this version does not have."""
     results = affected(Config)
-    found = {name: value for name, value in params.items() if name.partition(".")[0] in Config.model_fields}
-    known = {results.get(name) for name in found}
+    settings = {name: value for name, value in params.items() if name.partition(".")[0] in Config.model_fields}
+    known = {results.get(name) for name in settings}
     for name, default in values_of(Config()).items():
         if isinstance(default, dict) and results[name] in known:  # a record has its items, if there are any
-            items = [key for key in found if key.startswith(f"{name}.")]
-            found[name] = {key[len(name) + 1 :]: found.pop(key) for key in items}
-    return found
+            items = [key for key in settings if key.startswith(f"{name}.")]
+            settings[name] = {key[len(name) + 1 :]: settings.pop(key) for key in items}
+    return settings
 
 
 @functools.cache
@@ -209,8 +209,10 @@ def keep_bake(take: Take, name: str) -> KeptBake:
     settings = {name: value for name, value in _settings_of(params).items() if field_named(Config, name)}
     # in the file, it may be relative to the take
     settings |= {name: value for name, value in _present_settings(take).items() if name == "capture.root"}
-    for one in records:
-        refuse_damage(take, one.stage, f"Run `v3studio {one.stage}` again, with --force if it finds nothing to do.")
+    for source in records:
+        refuse_damage(
+            take, source.stage, f"Run `v3studio {source.stage}` again, with --force if it finds nothing to do."
+        )
     with atomic_path(take.bakes / name, durable=True) as folder:
         for path in _files_of(take, records):
             _link(path, folder / path.relative_to(take.root))
@@ -218,7 +220,7 @@ def keep_bake(take: Take, name: str) -> KeptBake:
         write_text(folder / "config.yaml", text, durable=True)
         if _present_edits(take) != _edits_of(record.params):  # it was edited since
             edits: dict[str, Any] = {name.removeprefix(PREFIX): value for name, value in _edits_of(params).items()}
-            if any(f"{PREFIX}crop" in one.params for one in made_from if one.stage == "train"):
+            if any(f"{PREFIX}crop" in source.params for source in made_from if source.stage == "train"):
                 edits["crop"] = {**edits["crop"], "training": True}
             write_json(folder / "edits.json", {"format": EDITS_FORMAT, "edits": edits}, durable=True)
     return next(kept for kept in kept_bakes(take) if kept.name == name)
@@ -241,13 +243,13 @@ def _sources(record: StageRecord) -> dict[str, JsonValue]:
 
 def _made_from(take: Take, record: StageRecord) -> list[StageRecord]:
     """The record after those of all that the stage was made from, as far as the take still has these results."""
-    found = [record]
-    for one in found:
-        for stage, result in _sources(one).items():
+    chain = [record]
+    for later in chain:
+        for stage, result in _sources(later).items():
             source = read_record(take, stage)
-            if source is not None and source.result == result and source not in found:
-                found.append(source)
-    return found[::-1]
+            if source is not None and source.result == result and source not in chain:
+                chain.append(source)
+    return chain[::-1]
 
 
 def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
@@ -257,12 +259,12 @@ def _evaluation_of(take: Take, bake: StageRecord) -> list[StageRecord]:
 
 
 def kept_bake(take: Take, name: str) -> KeptBake:
-    found = {kept.name: kept for kept in kept_bakes(take)}
+    by_name = {kept.name: kept for kept in kept_bakes(take)}
     name = unicodedata.normalize("NFC", name)
-    if name not in found:
-        fix = f"Kept are: {', '.join(found)}." if found else "`v3studio bake keep TAKE NAME` keeps the stream."
+    if name not in by_name:
+        fix = f"Kept are: {', '.join(by_name)}." if by_name else "`v3studio bake keep TAKE NAME` keeps the stream."
         raise StudioError("bakes.not_found", f"no bake is kept as '{name}'", file=take.root, value=name, fix=fix)
-    return found[name]
+    return by_name[name]
 
 
 def choose_bake(take: Take, name: str) -> None:

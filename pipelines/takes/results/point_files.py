@@ -57,7 +57,8 @@ def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_sparse_points(path: Path, rig: Path) -> tuple[np.ndarray, np.ndarray]:
-    """As `read_points`, of a calibration: float32, in the own frame of the take whose rig.json `rig` is."""
+    """Read the points of a calibration, and their colors: float32, in the own frame of the take whose rig.json
+    `rig` is."""
     points, colors = read_points(path)
     return own_frame(read_rig(rig)).points(points).astype(np.float32), colors
 
@@ -79,8 +80,8 @@ def _rows(path: Path) -> np.ndarray:
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
         raise StudioError("take.damaged", problem, file=path, fix=fix, stage="initialize") from None
-    found = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
-    count = int(found[1]) if found else -1
+    element = re.search(rb"^element vertex ([0-9]{1,12})$", header, re.MULTILINE)
+    count = int(element[1]) if element else -1
     kinds = _FAR_POINT if b"property double x" in header else _POINT
     if count < 0 or len(body) != count * kinds.itemsize:
         raise StudioError("take.damaged", "the file is damaged", file=path, fix=fix, stage="initialize")

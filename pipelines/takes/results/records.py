@@ -81,8 +81,8 @@ def note_rewritten(take: Take, stage: str) -> None:
     """Update a stage's record after the program rewrote its files without changing their meaning."""
     record = read_record(take, stage)
     if record is not None:
-        found = on_disk(take.root, [take.root / name for name in record.files])
-        write_model(take.record(stage), record.model_copy(update=found))
+        fields = on_disk(take.root, [take.root / name for name in record.files])
+        write_model(take.record(stage), record.model_copy(update=fields))
 
 
 def on_disk(root: Path, files: Iterable[Path]) -> JsonObject:
@@ -99,15 +99,15 @@ def on_disk(root: Path, files: Iterable[Path]) -> JsonObject:
 
 def digests_on_record(take: Take, *stages: str) -> dict[Path, str]:
     """Digests of finished stages' files that have not been written since, by path; without reading them."""
-    found = dict[Path, str]()
+    digests = dict[Path, str]()
     for record in filter(None, (read_record(take, stage) for stage in stages)):
         for name, digest in record.digests.items():
             path = take.root / name
             with contextlib.suppress(OSError):
                 state = path.stat()
                 if (state.st_mtime_ns, state.st_size) == (record.written.get(name), record.files.get(name)):
-                    found[path] = digest
-    return found
+                    digests[path] = digest
+    return digests
 
 
 def result_of(take: Take, stage: str) -> str | None:

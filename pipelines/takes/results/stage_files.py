@@ -138,18 +138,18 @@ def read_cameras_report(take: Take) -> CamerasReport | None:
     path = take.calibration_report
     if not path.is_file():
         return None
-    values = read_json(path)
-    if isinstance(values, dict) and "reprojection" in values:
-        return validated(path, values, CalibrationReport)
-    return validated(path, values, CamerasFromFile)
+    content = read_json(path)
+    if isinstance(content, dict) and "reprojection" in content:
+        return validated(path, content, CalibrationReport)
+    return validated(path, content, CamerasFromFile)
 
 
 def cameras_source(take: Take) -> str | None:
     """What calibration took the cameras from: "file", "board", "tie points" or "footage"; None if it has not run.
     Raises StudioError: `take.damaged`."""
     path = take.calibration_report
-    values = read_json(path) if path.is_file() else None
-    source = values.get("source") if isinstance(values, dict) else None
+    report = read_json(path) if path.is_file() else None
+    source = report.get("source") if isinstance(report, dict) else None
     return source if isinstance(source, str) else None
 
 
@@ -167,15 +167,15 @@ class CheckedCameras:
 
     @property
     def sentences(self) -> list[str]:
-        """For people: the grade with its reason and the fix, and what refinement gained."""
+        """Sentences for people: the grade with its reason and the fix, and what refinement gained."""
         if self.report is None:
             return []
         if self.verdict is None:
-            found = [NOT_CHECKED]
+            graded = [NOT_CHECKED]
         else:
             words = f"{self.verdict.grade}: {self.verdict.reason} {self.verdict.fix}"
-            found = [f"Cameras {words.strip()}"]
-        return found if self.refinement is None else [*found, self.refinement.sentence]
+            graded = [f"Cameras {words.strip()}"]
+        return graded if self.refinement is None else [*graded, self.refinement.sentence]
 
 
 def checked_cameras(take: Take) -> CheckedCameras:

@@ -47,7 +47,7 @@ class InitializeSummary(Result):
 
     @property
     def words(self) -> list[str]:
-        """See `CalibrateSummary.words`."""
+        """The main figures for people."""
         parts = (f"{self.points_per_group:,} points", f"{span(self.faces)} triangles")
         return [counted(self.groups, "group"), *(f"{part}{' each' * (self.groups > 1)}" for part in parts)]
 
@@ -62,8 +62,8 @@ class TrainSummary(Result):
 
     @property
     def words(self) -> list[str]:
-        """See `CalibrateSummary.words`."""
-        off = [one for one in self.outlines_off if one is not None]
+        """The main figures for people."""
+        off = [share for share in self.outlines_off if share is not None]
         return [
             f"{counted(self.frames, 'frame')} in {counted(self.groups, 'group')}",
             f"{span(self.splats)} splats{' per group' * (len(self.splats) > 1)}",
@@ -90,7 +90,7 @@ class BakeSummary(Result):
 
     @property
     def words(self) -> list[str]:
-        """See `CalibrateSummary.words`."""
+        """The main figures for people."""
         several = self.renditions > 1
         return [
             f"{counted(self.frames, 'frame')} in {counted(self.groups, 'group')}",
