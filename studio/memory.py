@@ -78,8 +78,8 @@ def is_out_of_memory(error: BaseException) -> bool:
         return True
     import cv2
 
-    words = ("can't allocate memory", "not enough memory", "out of memory", "Insufficient memory", "std::bad_alloc")
-    words += ("Failed to allocate memory",)
+    words = ["can't allocate memory", "not enough memory", "out of memory", "Insufficient memory", "std::bad_alloc"]
+    words += ["Failed to allocate memory"]
     known = isinstance(error, (RuntimeError, OSError, cv2.error)) or type(error).__module__.startswith("onnxruntime")
     return known and any(word in str(error) for word in words)
 
