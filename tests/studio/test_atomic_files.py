@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -20,7 +21,7 @@ from v3studio.studio.atomic_files import (
 from v3studio.studio.errors import StudioError
 
 
-def test_only_what_ended_processes_left_is_removed(tmp_path, monkeypatch):
+def test_only_what_ended_processes_left_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target, names = tmp_path / "turn.mp4", ("turn.mp4", "turn", "other.mp4")
     ended = subprocess.Popen([sys.executable, "-S", "-c", ""])
     ended.wait()
@@ -45,7 +46,7 @@ def test_only_what_ended_processes_left_is_removed(tmp_path, monkeypatch):
     remove_leftovers(tmp_path / "nowhere", target)
 
 
-def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypatch):
+def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "turn"
     monkeypatch.setattr(module, "machine_name", lambda: "0123abcd")
     file, folder = temporary_path(tmp_path / "turn.mp4"), temporary_path(target)
@@ -67,14 +68,14 @@ def test_what_another_machine_writes_is_left_until_it_is_old(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("inside", ["", "frame_0001.spz"])
-def test_errors_of_the_block_name_the_final_path(tmp_path, inside):
+def test_errors_of_the_block_name_the_final_path(tmp_path: Path, inside: str) -> None:
     with refuses("splat_file.position_range", file=tmp_path / "out" / inside), atomic_path(tmp_path / "out") as path:
         raise StudioError("splat_file.position_range", "too far away", file=path / inside)
     with refuses("footage.missing", file=tmp_path / "other"), atomic_path(tmp_path / "out"):
         raise StudioError("footage.missing", "not found", file=tmp_path / "other")
 
 
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     write_json(path, {"a": 1})
     with pytest.raises(UnicodeEncodeError), atomic_path(path) as half, half.open("w", encoding="ascii") as file:
@@ -83,7 +84,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_nan_never_reaches_a_json_file(tmp_path):
+def test_nan_never_reaches_a_json_file(tmp_path: Path) -> None:
     with pytest.raises(ValueError):
         write_json(tmp_path / "x.json", {"psnr": float("nan")})
     assert list(tmp_path.iterdir()) == []

@@ -171,8 +171,8 @@ def test_a_failed_take_does_not_stop_the_next_one(queue: QueueFile, tmp_path: Pa
             queue.add(tmp_path / "later", None, ())  # while it runs
 
     assert run_queue(queue, lambda entry: None, said.append, ended, program) == (3, 2)
-    found = {entry.take.name: (entry.state, entry.message) for entry in queue.read().takes}
-    assert found == {
+    ended_as = {entry.take.name: (entry.state, entry.message) for entry in queue.read().takes}
+    assert ended_as == {
         "bad": ("failed", "a line of a library"),
         "good": ("done", ""),
         "crash": ("failed", "the process was ended by SIGABRT"),

@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -33,7 +34,7 @@ def test_text_needs_no_quotes_on_the_command_line(given: str) -> None:
         parse_override("capture.cameras=[a")
 
 
-def test_description_is_a_configuration_with_the_same_values(tmp_path):
+def test_description_is_a_configuration_with_the_same_values(tmp_path: Path) -> None:
     text = describe(Config.model_validate({"train": {"max_splats": 1234}, "bake": {"attribute_qps": {"sh": 30}}}))
     config = load_config(write(tmp_path, text))
     assert config.train.max_splats == 1234
@@ -43,7 +44,9 @@ def test_description_is_a_configuration_with_the_same_values(tmp_path):
     assert "[one of random, black, white]" in text
 
 
-def test_root_is_relative_to_the_file_but_on_the_command_line_to_the_working_folder(tmp_path, monkeypatch):
+def test_root_is_relative_to_the_file_but_on_the_command_line_to_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "configs").mkdir()
     path = write(tmp_path / "configs", "capture: {root: ../footage}")
     assert load_config(path).capture.root == tmp_path / "footage"
@@ -61,7 +64,7 @@ def test_root_is_relative_to_the_file_but_on_the_command_line_to_the_working_fol
         ("max_splats: 5", "max_splats", "train.max_splats"),
     ],
 )
-def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, nearest):
+def test_unknown_setting_names_the_file_and_the_nearest(tmp_path: Path, text: str, name: str, nearest: str) -> None:
     with refuses("settings.unknown", file=tmp_path / "run.yaml", setting=name) as caught:
         load(tmp_path, text)
     assert f"Did you mean {nearest}?" in str(caught.value)
@@ -81,7 +84,9 @@ def test_unknown_setting_names_the_file_and_the_nearest(tmp_path, text, name, ne
         ("calibrate: {board: {marker: 0.07}}", "calibrate.board", None, "0.07 m is not smaller than square = 0.06 m"),
     ],
 )
-def test_an_invalid_value_is_reported_with_file_value_and_hint(tmp_path, text, setting, value, hint):
+def test_an_invalid_value_is_reported_with_file_value_and_hint(
+    tmp_path: Path, text: str, setting: str, value: Any, hint: str
+) -> None:
     with refuses("settings.invalid", file=tmp_path / "run.yaml", value=value, setting=setting) as caught:
         load(tmp_path, text)
     assert hint in str(caught.value)
@@ -99,7 +104,7 @@ def test_an_invalid_value_is_reported_with_file_value_and_hint(tmp_path, text, s
         ("calibrate: {board: {dictionary: DICT_9X9}}", ["calibrate.board.dictionary"]),
     ],
 )
-def test_contradictions_name_their_settings(tmp_path, text, settings):
+def test_contradictions_name_their_settings(tmp_path: Path, text: str, settings: Any) -> None:
     with refuses("settings.invalid", file=tmp_path / "run.yaml", settings=settings) as caught:
         load(tmp_path, text)
     assert caught.value.fix
@@ -108,13 +113,13 @@ def test_contradictions_name_their_settings(tmp_path, text, settings):
 @pytest.mark.parametrize(
     ("text", "line"), [("train: {max_splats: 3, max_splats: 4}", 1), ("bake:\n  qp: [", 2), ("- train", None)]
 )
-def test_files_that_are_not_settings(tmp_path, text, line):
+def test_files_that_are_not_settings(tmp_path: Path, text: str, line: Any) -> None:
     with refuses("settings.not_yaml", file=tmp_path / "run.yaml") as caught:
         load(tmp_path, text)
     assert caught.value.fields.get("line") == line
 
 
-def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path):
+def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path: Path) -> None:
     with refuses("settings.invalid", file="overrides", value=80, setting="bake.quality"):
         load(tmp_path, "", "bake.quality=80")
     both = f"{tmp_path / 'run.yaml'} and overrides"
@@ -122,7 +127,7 @@ def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path):
         load(tmp_path, "bake: {profile: planes}", "bake.codec=av1")
 
 
-def test_missing_file_and_folder(tmp_path):
+def test_missing_file_and_folder(tmp_path: Path) -> None:
     with refuses("settings.file_not_found", file=tmp_path / "none.yaml"):
         load_config(tmp_path / "none.yaml")
     with refuses("settings.unreadable", file=tmp_path):
@@ -150,7 +155,7 @@ def test_names_in_lists_stay_as_they_are(tmp_path: Path, text: str) -> None:
     assert groups.calibrate.intrinsics_groups == (("01", "02"), ("no", "04"))
 
 
-def test_override_through_a_plain_value_is_refused(tmp_path):
+def test_override_through_a_plain_value_is_refused(tmp_path: Path) -> None:
     with refuses("settings.unknown", setting="train.max_splats.x", value=3):
         load(tmp_path, "train: {max_splats: 3}", "train.max_splats.x=3")
 
@@ -171,7 +176,7 @@ def test_values_that_are_no_ranges_paths_or_numbers(tmp_path: Path, name: str, v
     st.sampled_from(["qp", "max_splats", "scale", "root", "bogus"]),
     st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.lists(st.integers())),
 )))  # fmt: skip
-def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory, values):
+def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory: pytest.TempPathFactory, values: Any) -> None:
     path = write(tmp_path_factory.mktemp("any"), dump_yaml(values))
     message = None
     try:
@@ -184,11 +189,11 @@ def test_any_yaml_is_read_or_refused_with_a_sentence(tmp_path_factory, values):
 @pytest.mark.parametrize(
     "path", sorted((Path(__file__).parents[3] / "sample_configs").glob("*.yaml")), ids=lambda p: p.stem
 )
-def test_sample_configurations_are_valid(path):
+def test_sample_configurations_are_valid(path: Path) -> None:
     load_config(path)
 
 
-def test_credentials_in_an_address_are_not_repeated():
+def test_credentials_in_an_address_are_not_repeated() -> None:
     with pytest.raises(StudioError, match=r"capture\.root contains credentials") as caught:
         load_config(None, [("capture.root", "s3://AKIA:abc/hidden@studio/day1")])
     assert "hidden" not in str(caught.value.message.to_dict())

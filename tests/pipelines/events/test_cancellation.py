@@ -25,7 +25,7 @@ STUCK = LOOP.format(body="hashlib.pbkdf2_hmac('sha256', b'x', b'y', 10**9)")
 
 @pytest.mark.parametrize(("body", "said"), [(POLITE, "unwound"), (STUCK, "last words")], ids=["polite", "stuck"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_work(body, said, number):
+def test_a_signal_ends_the_work(body: str, said: str, number: int) -> None:
     process = subprocess.Popen([sys.executable, "-c", body], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == "ready\n"

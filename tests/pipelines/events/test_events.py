@@ -1,5 +1,6 @@
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,12 +27,12 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("event", EXAMPLES, ids=lambda event: event.kind)
-def test_an_event_survives_its_json(event):
+def test_an_event_survives_its_json(event: Any) -> None:
     assert "\n" not in event.to_json()
     assert read_line(event.to_json()) == (event, "")
 
 
-def test_numbers_that_json_lacks_become_null_and_numpy_numbers_plain():
+def test_numbers_that_json_lacks_become_null_and_numpy_numbers_plain() -> None:
     values = {"loss": math.nan, "psnr": np.float32(math.inf), "splats": np.int64(3), "list": [np.float64(0.5)]}
     read = json.loads(Metrics(values=values).to_json())["values"]
     assert read == {"loss": None, "psnr": None, "splats": 3, "list": [0.5]}
@@ -63,11 +64,11 @@ LINE = HELLO.to_json()
     ],
     ids=range(16),
 )
-def test_events_are_found_among_what_libraries_print(line, event, text):
+def test_events_are_found_among_what_libraries_print(line: Any, event: Any, text: str) -> None:
     assert read_line(line) == (event, text)
 
 
-def test_a_notice_carries_code_and_fields():
+def test_a_notice_carries_code_and_fields() -> None:
     error = StudioError("footage.no_frames", "no frames", file="/cam3", value=0, fix="Add some.", camera="cam3")
     read, _ = read_line(events.StageFailed.of(events.as_message(error), stage="train").to_json())
     assert isinstance(read, events.StageFailed)

@@ -1,7 +1,9 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pytest
 from safetensors.numpy import load_file
 
 from tests.support.events import frames_in, stop_when, trains_a_frame
@@ -30,7 +32,15 @@ READERS: dict[str, Callable[[Path], bytes]] = {
 }
 
 
-def test_footage_in_a_store_makes_the_same_take(finished, project, start, here, object_store, tmp_path, monkeypatch):
+def test_footage_in_a_store_makes_the_same_take(
+    finished: Path,
+    project: Path,
+    start: Callable[..., Any],
+    here: Callable[..., Any],
+    object_store: ObjectStore,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     object_store.upload(project / "capture", "day1")
     (project / "remote.yaml").write_text(SETTINGS.replace("root: capture", "root: s3://studio/day1"))
     take = project / "take"
@@ -58,12 +68,14 @@ def test_footage_in_a_store_makes_the_same_take(finished, project, start, here, 
     assert "s3://studio/day1" in (take / "config.yaml").read_text()
 
 
-def test_a_take_in_a_store_is_refused(project, here):
+def test_a_take_in_a_store_is_refused(project: Path, here: Callable[..., Any]) -> None:
     for words in (("status",), ("run", project / "ball.yaml", "--take")):
         here(*words, "s3://studio/takes/first").fails("s3://studio/takes/first: ")
 
 
-def test_a_machine_without_access_says_so_and_changes_nothing(project, here, object_store: ObjectStore, monkeypatch):
+def test_a_machine_without_access_says_so_and_changes_nothing(
+    project: Path, here: Callable[..., Any], object_store: ObjectStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import s3fs
 
     object_store.upload(project / "capture", "day1")

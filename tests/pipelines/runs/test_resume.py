@@ -1,6 +1,11 @@
 import contextlib
 import json
 import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
 
 from tests.support.events import frames_in, stop_when, trains_a_frame
 from tests.support.streams import contents
@@ -10,7 +15,9 @@ from v3studio.pipelines.stages import train_group
 from v3studio.studio.errors import Cancelled
 
 
-def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(finished, project, start):
+def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(
+    finished: Path, project: Path, start: Callable[..., Any]
+) -> None:
     take = project / "take"
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 
@@ -47,11 +54,11 @@ def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(fini
 
 
 @contextlib.contextmanager
-def cancelled_after(name, monkeypatch):
+def cancelled_after(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cancel the run when it has written the file with this name."""
     write = train_group.write_tensors
 
-    def stops(path, *arguments):
+    def stops(path: Path, *arguments) -> None:
         write(path, *arguments)
         if path.name == name:
             raise Cancelled
@@ -61,11 +68,13 @@ def cancelled_after(name, monkeypatch):
         yield
 
 
-def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, monkeypatch):
+def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(
+    project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In this process, where checkpoints can be more frequent than every 500 steps."""
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
 
-    def run(name: str):
+    def run(name: str) -> Any:
         options = ("--capture.frames", ":2", "--until", "train", "--json")
         return here("run", project / "ball.yaml", "--take", project / name, *options)
 
@@ -85,7 +94,7 @@ def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(project, here, 
     assert not checkpoint.exists()
 
 
-def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, start):
+def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project: Path, start: Callable[..., Any]) -> None:
     """The keyframe is frame 2, and the first guess of frame 0 takes frames 1 and 2, which a resumed run has to read."""
     one_group = ("--train.group_size", "5", "--capture.frames", ":5")
 
@@ -106,12 +115,14 @@ def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project, st
     assert frames[0].read_bytes() == frames[1].read_bytes()
 
 
-def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, monkeypatch):
+def test_stopped_in_joint_training_continues_from_its_checkpoint(
+    project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where it is stopped while it replaces the frames; and without it, they are what they were before."""
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
     frames = [f"frame_{index:06d}.safetensors" for index in range(3)]
 
-    def run(name: str, iterations: int = 12):
+    def run(name: str, iterations: int = 12) -> tuple[int, list[int], list[str]]:
         options = ("--capture.frames", ":3", "--until", "train", "--train.joint_iterations", iterations, "--json")
         done = here("run", project / "ball.yaml", "--take", project / name, *options)
         messages = [event.message for event in done.events if isinstance(event, Log)]
@@ -128,7 +139,7 @@ def test_stopped_in_joint_training_continues_from_its_checkpoint(project, here, 
 
     replace = train_group.write_frame
 
-    def stops_replacing(path, gaussians, about):
+    def stops_replacing(path: Path, gaussians: Any, about: Any) -> None:
         if path.name == frames[1]:
             raise Cancelled
         replace(path, gaussians, about)

@@ -44,7 +44,7 @@ class Project:
 
     def states(self, *overrides: str) -> dict[str, str]:
         self.found = status(self.take, settings_in(self.folder, *overrides))
-        return {name: found.state for name, found in self.found.items()}
+        return {name: statuses.state for name, statuses in self.found.items()}
 
     def bytes_of(self, *names: str) -> dict[str, bytes]:
         files = [path for name in names for path in sorted((self.take.root / name).rglob("*")) if path.is_file()]
@@ -63,7 +63,7 @@ def ran(events: list[Event]) -> list[str]:
     return [event.stage for event in events if isinstance(event, StageStarted)]
 
 
-def test_a_run_leaves_every_result_in_its_place(project):
+def test_a_run_leaves_every_result_in_its_place(project: Path) -> None:
     root = project.take.root
     assert {path.name for path in root.iterdir()} == {
         "take.json", "config.yaml", *STAGE_NAMES[:-2], "stream", "evaluation.json", "report.html", ".v3studio",
@@ -80,7 +80,7 @@ def test_a_run_leaves_every_result_in_its_place(project):
     assert len(read_frame(root / "train/group_001/frame_000003.safetensors")) <= 400
 
 
-def test_evaluation_says_what_was_measured_and_how(project):
+def test_evaluation_says_what_was_measured_and_how(project: Path) -> None:
     evaluation = json.loads(project.take.evaluation.read_text())
     summary, protocol = evaluation["summary"], evaluation["protocol"]
     assert {"psnr_trained", "psnr_decoded", "ssim_trained", "ssim_decoded", "bytes_per_frame"} <= set(summary)
@@ -96,7 +96,7 @@ def test_evaluation_says_what_was_measured_and_how(project):
     assert summary["psnr_trained"] == pytest.approx(mean, abs=1e-3)
 
 
-def test_psnr_is_that_of_the_cropped_held_out_image(project):
+def test_psnr_is_that_of_the_cropped_held_out_image(project: Path) -> None:
     """Compared with NumPy, from the files: decoded frame 3 rendered here, the held-out PNG over black, cropped here."""
     import torch
 
@@ -115,7 +115,7 @@ def test_psnr_is_that_of_the_cropped_held_out_image(project):
     assert measured == pytest.approx(expected, abs=0.01)
 
 
-def test_marks_come_into_the_report_without_measuring_again(project):
+def test_marks_come_into_the_report_without_measuring_again(project: Path) -> None:
     before, times = project.bytes_of("train", "stream", "initialize", "calibrate"), project.written("train")
     evaluation = project.take.evaluation.read_bytes()
     rows = {row["index"]: row for row in json.loads(evaluation)["frames"]}
@@ -147,10 +147,10 @@ def test_marks_come_into_the_report_without_measuring_again(project):
     assert 'id="mark' not in text
 
 
-def test_a_bake_is_kept_within_the_run(project, monkeypatch):
+def test_a_bake_is_kept_within_the_run(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     holders = []
 
-    def keep(take, name):
+    def keep(take: Take, name: str) -> Any:
         holders.append(take.running())
         return keep_bake(take, name)
 
@@ -164,7 +164,7 @@ def test_a_bake_is_kept_within_the_run(project, monkeypatch):
     assert project.events[-1].outcome == "failed"
 
 
-def test_a_lost_capture_leaves_finished_stages_done(project):
+def test_a_lost_capture_leaves_finished_stages_done(project: Path) -> None:
     shutil.rmtree(project.folder / "capture")
     states = project.states()
     assert states["train"] == "done"
@@ -180,7 +180,7 @@ def test_a_lost_capture_leaves_finished_stages_done(project):
     assert "calibrate/rig.json" in project.found["calibrate"].reason
 
 
-def test_a_changed_image_is_noticed(project):
+def test_a_changed_image_is_noticed(project: Path) -> None:
     path = project.folder / "capture/images/cam1/002.png"
     image = np.array(Image.open(path))
     image[20:25, 30:35, :3] = 255
@@ -192,7 +192,7 @@ def test_a_changed_image_is_noticed(project):
 
 
 @pytest.mark.parametrize("place", [(1, 3), (0, 2)])  # group and frame: before and after the keyframe
-def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project, place):
+def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project: Path, place: str) -> None:
     before = project.bytes_of("train", "stream")
     project.take.trained_frame(*place).unlink()
     assert project.states()["train"] == "partial"
@@ -205,7 +205,7 @@ def test_a_deleted_frame_alone_is_trained_again_and_comes_out_the_same(project, 
     assert [name for name, data in after.items() if data != before[name] and "json" not in name] == []
 
 
-def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
+def test_a_longer_take_keeps_what_the_shorter_one_trained(project: Path) -> None:
     shutil.rmtree(project.take.root)
     Take.create(project.take.root)
     stages = ("calibrate", "initialize", "train")
@@ -219,7 +219,7 @@ def test_a_longer_take_keeps_what_the_shorter_one_trained(project):
 
 
 @pytest.mark.parametrize("name", STAGE_NAMES)
-def test_force_makes_all_results_of_a_stage_again_and_gives_the_same(project, name):
+def test_force_makes_all_results_of_a_stage_again_and_gives_the_same(project: Path, name: str) -> None:
     paths = stage_named(name).code.results(Inputs(project.take, settings_in(project.folder)))
     before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in paths}
     assert before
@@ -238,7 +238,7 @@ def test_force_makes_all_results_of_a_stage_again_and_gives_the_same(project, na
 
 
 @pytest.mark.parametrize("name", STAGE_NAMES[1:])
-def test_a_forced_stage_that_is_cancelled_keeps_the_earlier_results(project, name):
+def test_a_forced_stage_that_is_cancelled_keeps_the_earlier_results(project: Path, name: str) -> None:
     places = ("calibrate", "initialize", "train", "stream")
     before, flag = project.bytes_of(*places), Cancellation()
 
@@ -252,7 +252,7 @@ def test_a_forced_stage_that_is_cancelled_keeps_the_earlier_results(project, nam
     assert project.states() == dict.fromkeys(STAGE_NAMES, "done")
 
 
-def test_a_forced_calibration_that_fails_keeps_the_earlier_cameras(project):
+def test_a_forced_calibration_that_fails_keeps_the_earlier_cameras(project: Path) -> None:
     before = project.bytes_of("calibrate", "initialize")
     (project.folder / "capture/broken.json").write_text("{}")
     with refuses("camera_file.unknown_format"):
@@ -261,7 +261,7 @@ def test_a_forced_calibration_that_fails_keeps_the_earlier_cameras(project):
     assert project.states() == dict.fromkeys(STAGE_NAMES, "done")
 
 
-def test_a_forced_bake_that_misses_its_target_keeps_the_earlier_stream(project):
+def test_a_forced_bake_that_misses_its_target_keeps_the_earlier_stream(project: Path) -> None:
     before = project.bytes_of("stream")
     with refuses("bake.target_missed"):
         project.run("bake.quality=90 dB", stages=("bake",), force=True)
@@ -270,7 +270,7 @@ def test_a_forced_bake_that_misses_its_target_keeps_the_earlier_stream(project):
     assert project.states() == dict.fromkeys(STAGE_NAMES, "done")
 
 
-def test_another_seed_trains_again_with_progress_and_previews(project):
+def test_another_seed_trains_again_with_progress_and_previews(project: Path) -> None:
     before = project.bytes_of("train")
     overrides = ("run.seed=7", "run.preview_seconds=0.001")
     events = project.run(*overrides, stages=("initialize", "train"))
@@ -293,7 +293,7 @@ def test_another_seed_trains_again_with_progress_and_previews(project):
     assert Image.open(previews[-1].path).size == (64, 48)
 
 
-def test_without_held_out_cameras_the_evaluation_says_so(project):
+def test_without_held_out_cameras_the_evaluation_says_so(project: Path) -> None:
     events = project.run("capture.held_out=[]", *FEW)
     protocol = json.loads(project.take.evaluation.read_text())["protocol"]
     assert (protocol["held_out"], len(protocol["cameras"])) == (False, 6)
@@ -312,7 +312,9 @@ source = FunctionMaskSource(bright, cameras=("cam0", "cam1", "cam2", "cam3"))
 """
 
 
-def test_cameras_without_masks_are_called_so_by_every_stage(project, tmp_path, monkeypatch):
+def test_cameras_without_masks_are_called_so_by_every_stage(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "masks_of_four_cameras.py").write_text(MASKS)
     monkeypatch.syspath_prepend(str(tmp_path))
     events = project.run("capture.masks=masks_of_four_cameras:source", *FEW, force=True)
@@ -326,7 +328,7 @@ def test_cameras_without_masks_are_called_so_by_every_stage(project, tmp_path, m
     assert protocol["cameras"] == ["cam0", "cam1", "cam2", "cam3"]
 
 
-def test_an_empty_mask_in_a_later_frame_ends_training(project):
+def test_an_empty_mask_in_a_later_frame_ends_training(project: Path) -> None:
     path = project.folder / "capture/images/cam2/004.png"
     image = np.array(Image.open(path))
     image[..., 3] = 0
@@ -339,13 +341,13 @@ def test_an_empty_mask_in_a_later_frame_ends_training(project):
     assert project.found["train"].reason.startswith("last attempt: ")
 
 
-def test_a_damaged_trained_frame_is_trained_again(project):
+def test_a_damaged_trained_frame_is_trained_again(project: Path) -> None:
     path = project.take.trained_frame(0, 1)
     path.write_bytes(path.read_bytes()[:100])
     assert frames_in(project.run(stages=("train",))) == [1, 2, 0]
 
 
-def test_a_damaged_stream_is_noticed_and_baked_again(project):
+def test_a_damaged_stream_is_noticed_and_baked_again(project: Path) -> None:
     path = sorted(project.take.stream.glob("files/*.mp4"))[0]
     whole = path.read_bytes()
     path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
@@ -354,7 +356,7 @@ def test_a_damaged_stream_is_noticed_and_baked_again(project):
     assert path.read_bytes() == whole
 
 
-def test_cancelled_from_another_thread(project):
+def test_cancelled_from_another_thread(project: Path) -> None:
     flag = Cancellation()
     config = load_config(project.folder / "ball.yaml", [("run.seed", 5)])
     events: list[Event] = []
@@ -372,7 +374,7 @@ def test_cancelled_from_another_thread(project):
     assert frames_in(project.run("run.seed=5", stages=("train",))) == [2, 0, 4, 3]
 
 
-def test_a_stage_may_be_named_alone_and_an_unknown_one_is_refused(project):
+def test_a_stage_may_be_named_alone_and_an_unknown_one_is_refused(project: Path) -> None:
     project.take.forget("evaluate")
     project.run(stages="evaluate")
     assert any(isinstance(event, StageFinished) and event.stage == "evaluate" for event in project.events)

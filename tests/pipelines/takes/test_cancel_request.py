@@ -2,6 +2,8 @@ import json
 import os
 import socket
 import threading
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,11 +14,11 @@ WAIT = 60.0
 
 
 @pytest.fixture
-def take(tmp_path) -> Take:
+def take(tmp_path: Path) -> Take:
     return Take.create(tmp_path / "take")
 
 
-def test_a_request_that_comes_between_the_lock_and_the_watch_is_kept(take):
+def test_a_request_that_comes_between_the_lock_and_the_watch_is_kept(take: Take) -> None:
     cancelled = threading.Event()
     with take.locked("v3studio run"):
         request_cancel(take)
@@ -30,7 +32,7 @@ def test_a_request_that_comes_between_the_lock_and_the_watch_is_kept(take):
     ["", json.dumps({"pid": os.getpid() + 1, "host": socket.gethostname()}), '{"pid": 7, "host": "other"}', "{"],
     ids=["empty", "another process", "another host", "damaged"],
 )
-def test_a_request_to_another_run_is_dropped(take, left):
+def test_a_request_to_another_run_is_dropped(take: Take, left: Any) -> None:
     take.private.mkdir()
     take.cancel_request.write_text(left)
     cancelled = threading.Event()

@@ -4,6 +4,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from v3studio.pipelines.takes.take import TAKE_FORMAT, Take
 from v3studio.studio.atomic_files import machine_name
 
 
-def test_what_is_no_take_is_not_taken_over(tmp_path):
+def test_what_is_no_take_is_not_taken_over(tmp_path: Path) -> None:
     (tmp_path / "holiday.jpg").write_bytes(b"x")
     with refuses("take.not_empty", file=tmp_path):
         Take.create(tmp_path)
@@ -32,7 +33,7 @@ def test_what_is_no_take_is_not_taken_over(tmp_path):
     ("written", "found"),
     [('{"format": 999, "created_by": "v3studio 9.0"}', 999), ("{}", None), ("[]", None), ('{"format": "1"}', "1")],
 )
-def test_a_take_of_another_version_is_refused(tmp_path, written, found):
+def test_a_take_of_another_version_is_refused(tmp_path: Path, written: Any, found: Any) -> None:
     (tmp_path / "take.json").write_text(written)
     for act in (Take.open, Take.create):
         with refuses("take.unknown_format", file=tmp_path / "take.json", value=found, expected=TAKE_FORMAT):
@@ -49,7 +50,7 @@ with Take(Path(sys.argv[1])).locked("v3studio run"):
 """
 
 
-def test_a_second_run_is_told_who_holds_the_take_and_a_kill_frees_it(tmp_path):
+def test_a_second_run_is_told_who_holds_the_take_and_a_kill_frees_it(tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
     holder = subprocess.Popen([sys.executable, "-c", HOLD, str(take.root)], stdout=subprocess.PIPE, text=True)
     try:

@@ -2,7 +2,9 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,21 +29,21 @@ FAILS = "import sys; sys.exit('error: the footage is missing')"
 
 
 @pytest.fixture
-def take(tmp_path) -> Take:
+def take(tmp_path: Path) -> Take:
     return Take.create(tmp_path / "take")
 
 
 @pytest.fixture
-def cluster(monkeypatch, take):
+def cluster(monkeypatch: pytest.MonkeyPatch, take: Take) -> Iterator[SimpleNamespace]:
     """What was launched: `words`, `variables`, `process`; set `script` before."""
-    found = SimpleNamespace(script=FAILS, words=[], variables={}, process=None)
+    launched = SimpleNamespace(script=FAILS, words=[], variables={}, process=None)
 
-    def launch(words, errors, variables=None):
-        found.words, found.variables = list(words), dict(variables or {})
+    def launch(words: Any, errors: Path, variables: Any = None) -> subprocess.Popen[bytes]:
+        launched.words, launched.variables = list(words), dict(variables or {})
         with errors.open("wb") as file:
-            command = [sys.executable, "-c", found.script, str(take.log)]
-            found.process = subprocess.Popen(command, stderr=file)
-        return found.process
+            command = [sys.executable, "-c", launched.script, str(take.log)]
+            launched.process = subprocess.Popen(command, stderr=file)
+        return launched.process
 
     class Actor:
         def __init__(self) -> None:
@@ -56,24 +58,24 @@ def cluster(monkeypatch, take):
     )
 
     @contextmanager
-    def connected(address: str, cpus: int):
+    def connected(address: str, cpus: int) -> Iterator[Any]:
         yield ray
 
     monkeypatch.setitem(sys.modules, "ray", ray)
     monkeypatch.setattr(detached, "connected", connected)
     monkeypatch.setattr(detached, "launch", launch)
     monkeypatch.setattr(detached, "threading", SimpleNamespace(Thread=lambda **_: SimpleNamespace(start=bool)))
-    yield found
-    if found.process is not None:
-        found.process.kill()
-        found.process.wait()
+    yield launched
+    if launched.process is not None:
+        launched.process.kill()
+        launched.process.wait()
 
 
-def settings():
+def settings() -> Any:
     return load_config(None, [("run.executor", "ray"), ("run.address", "ray://head:10001")])
 
 
-def test_the_run_gets_the_address_on_the_head_node_not_as_a_setting(take, cluster):
+def test_the_run_gets_the_address_on_the_head_node_not_as_a_setting(take: Take, cluster: Any) -> None:
     cluster.script = BEGINS
     run = start_background(take, settings(), ("run",))
     assert (run.pid, run.code) == (cluster.process.pid, None)
@@ -82,6 +84,6 @@ def test_the_run_gets_the_address_on_the_head_node_not_as_a_setting(take, cluste
     assert load_config(take.config).run.address == "ray://head:10001"
 
 
-def test_a_run_that_cannot_begin_on_the_head_node_says_why(take, cluster):
+def test_a_run_that_cannot_begin_on_the_head_node_says_why(take: Take, cluster: Any) -> None:
     with pytest.raises(StudioError, match=r"^the footage is missing"):
         start_background(take, settings(), ("run",))

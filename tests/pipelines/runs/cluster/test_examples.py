@@ -17,10 +17,10 @@ EXAMPLES = Path(__file__).parents[4] / "sample_configs" / "cluster"
 @pytest.fixture(scope="module")
 def ray() -> Path:
     """The package's folder: importing its command line would take seconds."""
-    found = find_spec("ray")
-    if found is None or found.origin is None:
+    spec = find_spec("ray")
+    if spec is None or spec.origin is None:
         pytest.skip("Ray is not installed (extra cluster)")
-    return Path(found.origin).parent
+    return Path(spec.origin).parent
 
 
 def unknown(command: str, ray: Path) -> list[str]:
@@ -34,26 +34,26 @@ def unknown(command: str, ray: Path) -> list[str]:
     return [word for word in words[2:] if word.partition("=")[0] not in options]
 
 
-def test_compose(ray: Path):
-    found = parse_yaml((EXAMPLES / "compose.yaml").read_text(encoding="utf-8"))
-    assert {"head", "worker", "gpu-worker"} == found["services"].keys()
+def test_compose(ray: Path) -> None:
+    compose = parse_yaml((EXAMPLES / "compose.yaml").read_text(encoding="utf-8"))
+    assert {"head", "worker", "gpu-worker"} == compose["services"].keys()
     assert unknown("ray start --head --no-such-option=1", ray) == ["--no-such-option=1"]
-    for service in found["services"].values():
+    for service in compose["services"].values():
         assert unknown(service["command"], ray) == []
         assert "--block" in service["command"], "or the container would end at once"
-        assert set(service["networks"]) <= found["networks"].keys()
-        assert set(service["secrets"]) <= found["secrets"].keys()
-        assert set(service.get("depends_on", ())) <= found["services"].keys()
+        assert set(service["networks"]) <= compose["networks"].keys()
+        assert set(service["secrets"]) <= compose["secrets"].keys()
+        assert set(service.get("depends_on", ())) <= compose["services"].keys()
         assert service["environment"]["RAY_AUTH_MODE"] == "token"
         assert service["environment"]["RAY_AUTH_TOKEN_PATH"] == f"/run/secrets/{service['secrets'][0]}"
         assert "ports" not in service
 
 
-def test_ray_up(ray: Path):
-    found = parse_yaml((EXAMPLES / "ray-up.yaml").read_text(encoding="utf-8"))
+def test_ray_up(ray: Path) -> None:
+    config = parse_yaml((EXAMPLES / "ray-up.yaml").read_text(encoding="utf-8"))
     schema = json.loads((ray / "autoscaler" / "ray-schema.json").read_text(encoding="utf-8"))
-    assert set(schema["required"]) <= found.keys() <= schema["properties"].keys()
-    for command in (*found["head_start_ray_commands"], *found["worker_start_ray_commands"]):
+    assert set(schema["required"]) <= config.keys() <= schema["properties"].keys()
+    for command in (*config["head_start_ray_commands"], *config["worker_start_ray_commands"]):
         assert unknown(command, ray) == []
 
 

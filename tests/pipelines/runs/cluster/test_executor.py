@@ -104,7 +104,7 @@ class Bake:
 
 
 @pytest.fixture(autouse=True)
-def exceptions(tmp_path, monkeypatch):
+def exceptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Those of Ray, whose import would take a second of each process that collects tests."""
     monkeypatch.setattr(Run, "take", Take(tmp_path), raising=False)
     monkeypatch.setattr(module, "RETRIES", 1)
@@ -140,7 +140,7 @@ class Run:
         return [event.attempt for event in self.events if isinstance(event, GroupStarted) and event.group == group]
 
 
-def test_groups_are_queued_run_and_done():
+def test_groups_are_queued_run_and_done() -> None:
     run = Run(lambda task, node: None)
     run.go()
     assert run.finished == [0, 1, 2]
@@ -152,7 +152,7 @@ def test_groups_are_queued_run_and_done():
     assert (run.finished, len(run.ray.asked)) == ([0, 1, 2] * 2, 3)
 
 
-def test_a_lost_worker_is_replaced(exceptions):
+def test_a_lost_worker_is_replaced(exceptions: Any) -> None:
     lost = []
 
     def behave(task: GroupTask, node: str) -> Outcome:
@@ -169,7 +169,7 @@ def test_a_lost_worker_is_replaced(exceptions):
     assert run.warnings() == ["cluster.worker_lost"]
 
 
-def test_a_group_that_loses_every_worker_ends_the_run(exceptions, monkeypatch):
+def test_a_group_that_loses_every_worker_ends_the_run(exceptions: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     run = Run(lambda task, node: exceptions.WorkerCrashedError() if task.group == 0 else None)
     with refuses("cluster.worker_lost", group=0) as caught:
         run.go()
@@ -182,7 +182,7 @@ def test_a_group_that_loses_every_worker_ends_the_run(exceptions, monkeypatch):
     assert run.ray.cancelled == [1, 2], "the others do not go on"
 
 
-def test_a_node_that_does_not_see_the_footage_gets_nothing_more():
+def test_a_node_that_does_not_see_the_footage_gets_nothing_more() -> None:
     def behave(task: GroupTask, node: str) -> Outcome:
         return Message(NOT_VISIBLE, "node1 cannot see the footage", "/footage") if node[0] == "1" else None
 
@@ -196,7 +196,7 @@ def test_a_node_that_does_not_see_the_footage_gets_nothing_more():
 
 
 @pytest.mark.parametrize("of_ray", [True, False])
-def test_a_lost_cluster_is_one_sentence(exceptions, monkeypatch, of_ray):
+def test_a_lost_cluster_is_one_sentence(exceptions: Any, monkeypatch: pytest.MonkeyPatch, of_ray: bool) -> None:
     def wait(*_: Any, **__: Any) -> Any:
         raise exceptions.RaySystemError("raylet is gone") if of_ray else ConnectionError("shutting down")
 
@@ -206,7 +206,7 @@ def test_a_lost_cluster_is_one_sentence(exceptions, monkeypatch, of_ray):
         run.go()
 
 
-def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch):
+def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "BUSY_SECONDS", 0.0)
     asked = []
 
@@ -227,7 +227,7 @@ def test_groups_that_wait_for_what_others_hold_are_reported(monkeypatch):
     assert len(asked) == 4, "once the groups of this run are running, they will free their nodes"
 
 
-def test_groups_that_fit_no_node_are_told_once(monkeypatch):
+def test_groups_that_fit_no_node_are_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "NO_NODE_SECONDS", 0.0)
     run = Run(lambda task, node: None, gpus_per_group=2)
     run.go()
@@ -240,7 +240,7 @@ def test_groups_that_fit_no_node_are_told_once(monkeypatch):
     assert run.warnings() == [], "a larger node may be starting"
 
 
-def test_out_of_memory_means_fewer_groups_on_a_node(exceptions):
+def test_out_of_memory_means_fewer_groups_on_a_node(exceptions: Any) -> None:
     def behave(task: GroupTask, node: str) -> Outcome:
         return exceptions.OutOfMemoryError("full") if (task.group, task.attempt) == (0, 1) else None
 
@@ -251,7 +251,7 @@ def test_out_of_memory_means_fewer_groups_on_a_node(exceptions):
     assert [given["memory"] for given in run.ray.asked] == [GB, GB, GB, 8 * GB]
 
 
-def test_what_a_task_refuses_names_its_group_and_node():
+def test_what_a_task_refuses_names_its_group_and_node() -> None:
     problem = Message("disk.full", "the disk is full", "/disk")
     run = Run(lambda task, node: problem if task.group == 1 else None)
     with refuses("disk.full", group=1, node="node1") as caught:
@@ -259,7 +259,7 @@ def test_what_a_task_refuses_names_its_group_and_node():
     assert str(caught.value).startswith("/disk: the disk is full (group 1 on node1).")
 
 
-def test_files_that_do_not_arrive_are_told(monkeypatch):
+def test_files_that_do_not_arrive_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "VISIBLE_SECONDS", 0.0)
     run = Run(lambda task, node: None)
     run.stage.there = False
@@ -267,7 +267,7 @@ def test_files_that_do_not_arrive_are_told(monkeypatch):
         run.go()
 
 
-def test_cancelling_cancels_every_task():
+def test_cancelling_cancels_every_task() -> None:
     def behave(task: GroupTask, node: str) -> Outcome:
         run.cancellation.cancel()
         return None
@@ -291,7 +291,7 @@ def refusal(**changes: Any) -> Message:
     return run_task(sent(**changes), "")
 
 
-def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
+def test_a_node_says_what_it_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
     monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
     other = refusal(versions=("0.0.1", versions()[1]))
@@ -316,7 +316,7 @@ def test_a_node_says_what_it_lacks(tmp_path, monkeypatch):
     assert blind.file == "/no/footage", "the take is found where this node has it"
 
 
-def test_footage_that_is_there_only_in_part_is_not_seen(project, monkeypatch):
+def test_footage_that_is_there_only_in_part_is_not_seen(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(task_module, "VISIBLE_SECONDS", 0.0)
     monkeypatch.setattr(task_module, "LOOK_AGAIN", 0.0)
     take = Take.create(project / "take")
@@ -331,7 +331,7 @@ def test_footage_that_is_there_only_in_part_is_not_seen(project, monkeypatch):
 
 
 @pytest.mark.parametrize("code", [NOT_VISIBLE, "stage.dependency", "work.take_changed"])
-def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
+def test_a_node_waits_for_what_another_one_wrote(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
     looks = []
 
     def do(task: GroupTask, node: str) -> None:
@@ -345,7 +345,9 @@ def test_a_node_waits_for_what_another_one_wrote(monkeypatch, code):
     assert len(looks) == 3
 
 
-def test_a_cluster_that_cannot_be_reached_is_one_sentence(project, here, monkeypatch):
+def test_a_cluster_that_cannot_be_reached_is_one_sentence(
+    project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("RAY_AUTH_MODE", "RAY_USAGE_STATS_ENABLED", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"):
         monkeypatch.setenv(name, "0")
     arguments = ("run", project / "ball.yaml", "--take", project / "take", "--run.executor", "ray")

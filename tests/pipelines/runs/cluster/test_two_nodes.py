@@ -1,5 +1,8 @@
 """A run on a Ray cluster of two nodes, one of which is killed: the take of a local run."""
 
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from tests.support.tiny_capture import environment, results, v3studio
@@ -7,6 +10,7 @@ from tests.support.two_nodes import SETTINGS, two_nodes
 from tests.support.warm_python import warm_python
 from v3studio.pipelines.events import GroupStarted, Metrics, StageFinished, Warned
 from v3studio.pipelines.stages import STAGE_NAMES
+from v3studio.pipelines.takes.take import Take
 
 pytestmark = pytest.mark.long
 
@@ -21,7 +25,7 @@ print(nodes.holders(Wanted(cpus=1, gpus=0.0, memory=1)))
 """
 
 
-def assert_names_what_holds_a_node(cluster):
+def assert_names_what_holds_a_node(cluster: Any) -> None:
     """At first, an actor holds the CPU of the first node, and that of the second is free."""
     command = ("-c", HELD, cluster.address, cluster.second)
     done = warm_python().run(command, text=True, env=environment() | SETTINGS)
@@ -35,7 +39,7 @@ SLOW = ("--train.finetune_iterations", 300)
 """Seconds a frame: nodes are noticed and killed while their groups train, also where the machine is fast."""
 
 
-def run_and_kill(project, take):
+def run_and_kill(project: Path, take: Take) -> tuple[list[Any], set[str]]:
     """The events of a run whose second node is killed when it has trained a frame, and the nodes that trained."""
     with two_nodes() as cluster:
         assert_names_what_holds_a_node(cluster)
@@ -49,7 +53,7 @@ def run_and_kill(project, take):
 
 
 @pytest.mark.timeout(1200)
-def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(project):
+def test_a_node_is_killed_and_the_take_is_that_of_a_local_run(project: Path) -> None:
     pytest.importorskip("ray", reason="Ray is not installed (extra cluster)")
     for attempt in range(3):
         take = project / f"take{attempt}"

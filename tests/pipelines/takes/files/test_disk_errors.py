@@ -9,13 +9,13 @@ from tests.support.errors import refuses
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 
 
-def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path):
+def test_full_disk_is_a_sentence_that_names_the_folder(tmp_path: Path) -> None:
     """Writes to /dev/full fail like those to a full disk."""
     with refuses("take.disk_full", file=tmp_path), disk_errors(tmp_path):
         Path("/dev/full").write_text("x")
 
 
-def test_a_limit_of_file_sizes_is_a_sentence(tmp_path):
+def test_a_limit_of_file_sizes_is_a_sentence(tmp_path: Path) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
     try:
@@ -26,6 +26,6 @@ def test_a_limit_of_file_sizes_is_a_sentence(tmp_path):
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.ETIMEDOUT])
-def test_a_disk_that_fails_is_a_sentence(tmp_path, number):
+def test_a_disk_that_fails_is_a_sentence(tmp_path: Path, number: int) -> None:
     with refuses("take.disk_failed", file=tmp_path / "x"), disk_errors(tmp_path):
         raise OSError(number, os.strerror(number), str(tmp_path / "x"))

@@ -1,10 +1,11 @@
 import os
+from pathlib import Path
 
 from v3studio.pipelines.takes.files.leftovers import sweep_partial
 from v3studio.studio.atomic_files import machine_name, write_text
 
 
-def test_sweep_takes_leftovers_only(tmp_path):
+def test_sweep_takes_leftovers_only(tmp_path: Path) -> None:
     write_text(tmp_path / "deep" / "kept.txt", "x")
     alive = f".marks.{os.getppid()}-{machine_name()}-00000000.partial.json"
     (tmp_path / "deep" / f".kept.999999999-{machine_name()}-00000000.partial.txt").write_text("half")

@@ -39,8 +39,8 @@ def no_more_files() -> Iterator[None]:
             yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-        for one in (descriptor, *taken):
-            os.close(one)
+        for number in (descriptor, *taken):
+            os.close(number)
 
 
 @pytest.fixture

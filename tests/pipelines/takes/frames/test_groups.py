@@ -14,9 +14,9 @@ def lengths(motion: list[float], size: int = 30) -> list[int]:
 
 def test_every_frame_is_in_one_group() -> None:
     frames = tuple(range(10, 40, 3))
-    found = cut_into_groups(frames, 4, (0.2, 0.0, 0.9, 0.1, 0.1, 0.3, 0.0, 0.0, 0.2))
-    assert sum((group.frames for group in found), ()) == frames
-    for number, group in enumerate(found):
+    cut = cut_into_groups(frames, 4, (0.2, 0.0, 0.9, 0.1, 0.1, 0.3, 0.0, 0.0, 0.2))
+    assert sum((group.frames for group in cut), ()) == frames
+    for number, group in enumerate(cut):
         assert (group.index, group.first) == (number, frames.index(group.frames[0]))
 
 
@@ -48,7 +48,7 @@ def test_groups_have_the_fewest_frames_however_the_performer_moves() -> None:
 
 def test_a_take_whose_ball_moves(project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     take = project / "take"
-    found = take / "initialize" / "motion.json"
+    motion = take / "initialize" / "motion.json"
 
     def run(most_motion: float) -> list[int]:
         cut_into_groups.cache_clear()
@@ -58,9 +58,9 @@ def test_a_take_whose_ball_moves(project: Path, here: Callable[..., Any], monkey
         return [len(list(folder.glob("frame_*"))) for folder in sorted((take / "train").glob("group_*"))]
 
     assert run(0.05) == [3, 2]
-    written = found.stat().st_mtime_ns
+    written = motion.stat().st_mtime_ns
     assert run(1.0) == [5]
-    assert found.stat().st_mtime_ns == written, "found once"
+    assert motion.stat().st_mtime_ns == written, "found once"
     cut_into_groups.cache_clear()
 
 

@@ -29,18 +29,18 @@ def flip(path: Path) -> None:
 
 
 def test_a_take_as_it_was_written_is_whole(take: Take) -> None:
-    found = check_take(take, STAGE_NAMES)
-    assert (found.damage, found.unchecked) == ((), ())
+    checked = check_take(take, STAGE_NAMES)
+    assert (checked.damage, checked.unchecked) == ((), ())
     files = [path for path in take.root.rglob("*") if path.is_file() and ".v3studio" not in path.parts]
     notes = {"take.json", "config.yaml", "report.json", "verdict.json", "group.json"}  # no stage uses them as input
-    assert found.files == len([path for path in files if path.name not in notes])
+    assert checked.files == len([path for path in files if path.name not in notes])
 
 
 def test_one_bit_in_any_result_is_found(take: Take) -> None:
     for name in ("calibrate/rig.json", "initialize/group_001/points.ply", FRAME, "evaluation.json"):
         flip(take.root / name)
-        found = check_take(take, STAGE_NAMES)
-        assert [(damage.file, damage.problem) for damage in found.damage] == [(name, "changed")]
+        checked = check_take(take, STAGE_NAMES)
+        assert [(damage.file, damage.problem) for damage in checked.damage] == [(name, "changed")]
         flip(take.root / name)
     (take.root / FRAME).unlink()
     assert [damage.problem for damage in check_take(take, STAGE_NAMES).damage] == ["missing"]
@@ -59,9 +59,9 @@ def test_the_command_names_removes_and_a_run_repairs(take: Take, here: Callable)
     video = next((take.stream).rglob("*.mp4"))
     whole = video.read_bytes()
     flip(video)
-    found = here("check", take.root, "--json").fails().result["damage"]
+    checked = here("check", take.root, "--json").fails().result["damage"]
     name = video.relative_to(take.root).as_posix()
-    assert found == [{"file": name, "stage": "bake", "problem": "changed", "detail": ""}]
+    assert checked == [{"file": name, "stage": "bake", "problem": "changed", "detail": ""}]
     assert name in here("check", take.root, "--remove").fails().stdout
     assert not video.exists()
     here("run", "--take", take.root).ok()
@@ -79,9 +79,9 @@ def test_what_people_made_is_read(take: Take, here: Callable) -> None:
     take.marks.write_text('{"marks": [{"frame": -1, "note": "good"}]}')
     take.edits.write_text("{")
     take.camera_path.write_text("")
-    found = check_take(take, STAGE_NAMES).damage
-    assert [damage.file for damage in found] == ["edits.json", "marks.json", "garbage.yaml", "camera_path.json"]
-    assert all(damage.detail and (damage.stage, damage.problem) == ("", "damaged") for damage in found)
+    checked = check_take(take, STAGE_NAMES).damage
+    assert [damage.file for damage in checked] == ["edits.json", "marks.json", "garbage.yaml", "camera_path.json"]
+    assert all(damage.detail and (damage.stage, damage.problem) == ("", "damaged") for damage in checked)
     said = here("check", take.root, "--remove").fails().stdout
     assert "Not made by a run: edits.json, marks.json, garbage.yaml, camera_path.json. Copy back a backup" in said
     assert "rm -r" not in said

@@ -37,8 +37,8 @@ def test_two_bakes_are_kept_and_compared(finished: Path, take: Take, here: Calla
     assert second != first
     assert contents(take.bakes / "fine" / "stream") == first, "baking again leaves what is kept"
     listed = {row["name"]: row for row in here("bake", "list", take.root, "--json").result["bakes"]}
-    found = {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()}
-    assert found == {"fine": (22, False), "coarse": (40, True)}
+    bakes = {name: (row["settings"]["bake.quality"], row["is_stream"]) for name, row in listed.items()}
+    assert bakes == {"fine": (22, False), "coarse": (40, True)}
     with StreamReader.open(Path(listed["coarse"]["folder"]) / "stream") as reader:
         assert listed["coarse"]["bytes_per_frame"] == round(reader.played_bytes / reader.frame_count)
     assert listed["coarse"]["bytes"] == sum(map(len, second.values())) < listed["fine"]["bytes"]
@@ -194,9 +194,9 @@ def test_a_kept_bake_knows_that_training_saw_the_crop_box(take: Take) -> None:
 @pytest.mark.parametrize(("name", "value", "code"), [("quality", 99, "invalid"), ("removed", 1, "unknown")])
 def test_a_bake_with_settings_of_another_version_is_not_chosen(take: Take, name: str, value: int, code: str) -> None:
     record = keep_bake(take, "fine").take.record("bake")
-    found = json.loads(record.read_bytes())
-    found["params"][f"bake.{name}"] = value
-    replace_file(record, json.dumps(found).encode())
+    params = json.loads(record.read_bytes())
+    params["params"][f"bake.{name}"] = value
+    replace_file(record, json.dumps(params).encode())
     before = contents(take.root)
     with refuses(f"settings.{code}", file=record, setting=f"bake.{name}"):
         choose_bake(take, "fine")
