@@ -155,10 +155,10 @@ def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
     observations = {name: seen[seen[:, 0] == number][:, 1:] for number, name in enumerate(names) if name in known}
     more = dict(told) | {"aspect": round(told.aspect, 6)}
     report = reprojection_report(rig, points, observations, **more)
-    return CalibrationResult(rig, points, colors, _with_usual_focal(report, rig))
+    return CalibrationResult(rig, points, colors, with_usual_focal(report, rig))
 
 
-def _with_usual_focal(report: CalibrationReport, rig: Rig) -> CalibrationReport:
+def with_usual_focal(report: CalibrationReport, rig: Rig) -> CalibrationReport:
     """The report, with the usual focal length at cameras whose own is far from it."""
     cameras = dict(report.cameras)
     for camera in rig:

@@ -28,7 +28,7 @@ def intrinsics_from_views(
         )
         fix = "Film the target longer, at different tilts, or specify known intrinsics."
         raise StudioError("target.too_few_views", problem, value=len(views), fix=fix, camera=name, expected=LEAST_VIEWS)
-    chosen = _spread(views, size)
+    chosen = most_different(views, size)
     world = [view.corners.astype(np.float32) for view in chosen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in chosen]
     flags = {
@@ -91,7 +91,7 @@ def _fix(*terms: int) -> int:
     return sum(getattr(cv2, f"CALIB_FIX_K{term}") for term in terms)
 
 
-def _spread(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[TargetObservation]:
+def most_different(views: Sequence[TargetObservation], size: tuple[int, int]) -> list[TargetObservation]:
     """Up to `MOST_VIEWS` observations that differ most in position, size and tilt (farthest-point sampling)."""
     if len(views) <= MOST_VIEWS:
         return list(views)

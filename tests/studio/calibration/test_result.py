@@ -10,6 +10,7 @@ from tests.support.rigs import camera_at, ring
 from v3studio.studio.calibration import floor_world, reprojection_report
 from v3studio.studio.calibration.report import CalibrationReport
 from v3studio.studio.calibration.result import image_coverage
+from v3studio.studio.calibration.sfm.reconstruct import with_usual_focal
 from v3studio.studio.cameras import Rig
 
 K = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
@@ -39,6 +40,22 @@ def test_report_of_known_errors() -> None:
     assert CalibrationReport.model_validate_json(written) == report
     present = {"reprojection", "points", "observations", "mean_track_length", "tracks", "geometry", "cameras"}
     assert set(json.loads(written)) == present
+
+
+def test_focal_lengths_that_are_unusual_among_cameras_of_one_size() -> None:
+    """Beyond a factor of 1.6 from the median."""
+    focal_lengths = {"a": 100.0, "b": 100, "c": 155, "d": 165, "e": 64, "f": 61, "g": 100}
+    rig = Rig(
+        tuple(
+            camera_at(name, (2, 0, number), K=np.array([[focal, 0, 40], [0, focal, 30], [0, 0, 1]]), size=(80, 60))
+            for number, (name, focal) in enumerate(focal_lengths.items())
+        )
+    )
+    middle = np.zeros((1, 3))
+    seen = {camera.name: np.column_stack([[0], camera.project(middle)[0]]) for camera in rig}
+    report = with_usual_focal(reprojection_report(rig, middle, seen), rig)
+    usual = {name: camera.usual_focal for name, camera in report.cameras.items() if camera.usual_focal is not None}
+    assert usual == {"d": 100, "f": 100}
 
 
 def test_coverage() -> None:

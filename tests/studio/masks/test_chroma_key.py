@@ -96,6 +96,13 @@ def test_shadows_are_screen_by_default() -> None:
     assert overlap(chroma_mask(image, screen, DifferenceSettings(mask_shadows="none")), alpha) < 0.9
 
 
+def test_what_is_far_darker_than_a_shadow_is_no_screen() -> None:
+    """Clothes of the screen's own color at a sixth of its brightness."""
+    image = before(GREEN, DISC, tuple(0.16 * part for part in GREEN), shadow=0.0)
+    mask = chroma_mask(image, find_screen([image], "cam"), USUAL)
+    assert overlap(mask, DISC) > 0.97
+
+
 def test_components_sensitivity_and_large_images(monkeypatch: pytest.MonkeyPatch) -> None:
     larger = disc(SHAPE, 70, 80, 40)
     image = before(GREEN, np.maximum(larger, disc(SHAPE, 190, 80, 12)))
@@ -155,10 +162,12 @@ def test_garbage_masks_per_frame(tmp_path: Path, make: SimpleNamespace) -> None:
     for frame in (1, 2):
         make.image(tmp_path / "images" / "a" / f"{frame}.png", image)
         make.image(tmp_path / "images" / "b" / f"{frame}.png", image)
+        make.image(tmp_path / "images" / "c" / f"{frame}.png", np.dstack([image, np.full(SHAPE, 254, np.uint8)]))
         make.image(tmp_path / "garbage" / "a" / f"{frame}.png", np.full(SHAPE, 255 * (frame == 2), np.uint8))
     footage = keyed(tmp_path, garbage_masks="garbage/{camera}/{frame}.png")
     assert footage.mask("a", 1).max() == 0
     assert np.array_equal(footage.mask("a", 2), footage.mask("b", 1))  # b has none: its whole image is used
+    assert np.array_equal(footage.mask("c", 1), footage.mask("b", 1))
 
 
 def test_the_screen_behind_the_performer_is_the_mean_of_what_is_near() -> None:
@@ -191,6 +200,11 @@ def test_despill_restores_the_performers_color_at_the_outline_only() -> None:
     assert np.abs(image[mixed] - np.array(SKIN, float)).max() > 60
     assert np.abs(cleaned[mixed] - np.array(SKIN, float)).max() < 4
     assert np.array_equal(cleaned[60:100, 90:130], image[60:100, 90:130])
+    # of large performers, the outline is 1%: here 8 pixels
+    large = np.rint(255 * disc((1000, 1000), 500, 500, 400)).astype(np.uint8)
+    badge = np.full((*large.shape, 3), (90, 160, 90), np.uint8)
+    changed = despill(badge, large, np.full_like(badge, GREEN), np.array(GREEN)) != badge
+    assert 8 <= changed[500, large[500] == 255, 1][:400].sum() <= 10
     # screen light on the performer: green may not exceed red and blue
     tinted = filmed(over(np.array([120, 160, 110]), DISC, screen), 1, noise=0.0)
     red, green, blue = despill(tinted, mask, screen, np.array(GREEN))[mixed].T

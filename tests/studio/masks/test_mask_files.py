@@ -191,6 +191,8 @@ def test_cameras_without_masks_are_named_with_a_setting_that_works(tmp_path: Pat
     footage = open_footage(CaptureSettings(root=root))
     assert footage.camera_names == tuple("acdf")
     assert "'b' and 'e'" in footage.description
+    with refuses("mask.missing", cameras=("e",), camera="e"):
+        open_footage(CaptureSettings(root=root, masks="files", cameras=("a", "c", "e")))
 
 
 def test_a_few_cameras_with_masks_are_not_the_capture(tmp_path: Path, make: SimpleNamespace) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -132,19 +133,20 @@ def test_motion_without_bounds_is_refused(copy_of):
     assert "a block moves by more than 1e+09" in str(caught.value)
 
 
-def test_escapes_without_bounds_are_refused(tmp_path):
+@pytest.mark.parametrize("count", [1, 3])
+def test_escapes_without_bounds_are_refused(tmp_path: Path, count: int) -> None:
     """The codes of escapes have 32 bits: a step that suits the pixels can take them anywhere."""
-    frames = turned_bodies(3, 200)
+    frames = turned_bodies(count, 200)
     for frame in frames:
         frame.sh[9, 0, :] = 2000.0
     baking = BakeSettings(preset="ultrafast")
     write_manifest(tmp_path, [bake_group(frames, tmp_path, 0, 0, baking)], 25, baking)
     with StreamReader.open(tmp_path) as reader:
-        assert_drawable(reader.gaussians(1))
+        assert_drawable(reader.gaussians(count - 1))
     edit_manifest(tmp_path, set_at((*FIRST, "channels", 10, "step"), 7e6))
     file = group_files(tmp_path, 0)[0]
     with StreamReader.open(tmp_path) as reader, refuses("stream.side_file_damaged", file=file) as caught:
-        reader.gaussians(1)
+        reader.gaussians(count - 1)
     assert "an escape in sh_0_y has the value" in str(caught.value)
 
 

@@ -202,9 +202,13 @@ def test_damaged_manifests_are_refused(copy_of, kind):
         assert "\n" not in text
 
 
-def test_additions_are_no_damage(copy_of):
+def test_additions_and_the_least_radius_are_no_damage(copy_of):
     stream = copy_of("motion")
     edit_manifest(stream, lambda values: values.update(later_addition={"x": 1}))
+    step = 2.0**-10
+    edit_manifest(stream, set_at(first("positions", "step"), step))
+    bits = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]["positions"]["bits"]
+    edit_manifest(stream, set_at(first("blocks", "radius"), step * 2**bits / 1e6))
     with StreamReader.open(stream) as reader:
         assert reader.frame_count == 7
 

@@ -39,6 +39,8 @@ def test_sound_in_the_manifest_and_decoded(stream):
         assert not around[:100].any()
         assert not around[-200:].any()
         assert np.allclose(around[100:-200], whole, atol=1e-4)
+        for first in (-3000, 57_600, 100_000):
+            assert not sound.read(first, 2000).any()
         sound.close()
 
 

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.errors import refuses
+from tests.support.rigs import camera_at
 from v3studio.pipelines.takes.authored.edits import (
     MOST_STEPS,
     change_edits,
@@ -11,7 +12,7 @@ from v3studio.pipelines.takes.authored.edits import (
     read_edits_file,
     step_edits,
 )
-from v3studio.studio.edits.edit_list import CropBox, DetailMark, EditList, Ground, Trim, World
+from v3studio.studio.edits.edit_list import CropBox, DetailMark, EditList, Ground, Region, RegionView, Trim, World
 
 
 def trimmed(last: int) -> EditList:
@@ -61,7 +62,11 @@ def test_other_files_are_refused_and_stay(tmp_path: Path, text: str, code: str) 
 
 
 def test_positions_and_sizes_are_those_of_the_placed_world() -> None:
+    view = RegionView.of(camera_at("view", (2, 0, 1)))
+    lasso = Region(view=view, outline=((0, 0), (9, 0), (0, 9)))
+    brush = Region(view=view, outline=((0, 0),), radius=3, near=1, far=2.5, frames=(3, 3))
     edits = EditList(
+        regions=(lasso, brush, brush.model_copy(update={"frames": (3, 8), "far": None})),
         world=World(up=(0, 0, 1), origin=(0, 0, 2), scale=10),
         crop=CropBox(center=(0, 0, 3), size=(1, 2, 3)),
         ground=Ground(normal=(0, 0, 1), height=2.5),
@@ -71,5 +76,8 @@ def test_positions_and_sizes_are_those_of_the_placed_world() -> None:
         "world": "up (0, 0, 1), origin (0, 0, 2), scale 10",
         "crop": "box of 10 x 20 x 30 around (0, 10, 0)",
         "ground": "nothing below 5 along (0, 1, 0)",
+        "regions 1": "lasso, all frames",
+        "regions 2": "brush, the group of frame 3, depth 10 to 25",
+        "regions 3": "brush, frames 3 to 8",
         "details 1": "radius 1, weight 4, frames 0 to 9, in the first at (0, 15, 0)",
     }

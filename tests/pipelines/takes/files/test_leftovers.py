@@ -12,6 +12,8 @@ def test_sweep_takes_leftovers_only(tmp_path: Path) -> None:
     (tmp_path / alive).write_text("another process is writing it")
     (tmp_path / ".group_000.partial").mkdir()
     (tmp_path / ".group_000.partial" / "x.mp4").write_text("half")
-    assert sweep_partial(tmp_path) == 2
+    for name in ("report.json", "000001.ply", "edits.json", "notes.txt"):
+        (tmp_path / "deep" / name).touch()  # a power cut leaves empty files, but a person made the edits
+    assert sweep_partial(tmp_path) == 4
     left = [path.name for path in sorted(tmp_path.rglob("*"))]
-    assert left == [alive, "deep", "kept.txt"]
+    assert left == [alive, "deep", "edits.json", "kept.txt", "notes.txt"]

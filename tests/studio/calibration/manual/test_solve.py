@@ -91,6 +91,9 @@ def test_intrinsics_that_are_not_known() -> None:
     found = solve(marked(truth, 24, 0.3), truth, known=False)
     assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
     assert compare_rigs(found.rig, truth).center_percent < 0.6
+    pinhole = CalibrateSettings(camera_model="SIMPLE_PINHOLE")
+    plain = solve(marked(truth, 24, 0.3), truth, known=False, settings=pinhole)
+    assert [camera.distortion.size for camera in plain.rig] == [0] * 4
     separate = CalibrateSettings(shared_intrinsics=False)
     own = solve(marked(truth, 40, 0.3), truth, known=False, settings=separate)
     assert len({camera.fx for camera in own.rig}) == 4

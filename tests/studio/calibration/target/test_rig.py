@@ -23,6 +23,7 @@ from v3studio.studio.calibration import (
     write_target_pdf,
 )
 from v3studio.studio.calibration.report import CalibrationReport
+from v3studio.studio.calibration.target.intrinsics import MOST_VIEWS, most_different
 from v3studio.studio.calibration.target.pdf import dark
 from v3studio.studio.calibration.target.pose_graph import chain_poses
 from v3studio.studio.cameras import Camera, Rig
@@ -235,6 +236,17 @@ def test_intrinsics_alone_agree_with_opencv() -> None:
     np.testing.assert_allclose(found.distortion, np.ravel(distortion)[:4], atol=3e-3)
     assert figures["cam0"].views == 15
     assert figures["cam0"].mean < 0.2
+
+
+def test_of_many_views_the_most_different_are_used() -> None:
+    views = list(filmed(rig_of(1), CHESS, 15, noise=0.1)[0].values())
+    chosen = most_different(views * 8, SIZE)
+    assert len(chosen) == MOST_VIEWS
+    assert {id(view) for view in chosen} == {id(view) for view in views}
+    close = [replace(views[0], pixels=views[0].pixels + 0.1 * number) for number in range(MOST_VIEWS)]
+    chosen = most_different([*close, *views[1:]], SIZE)
+    assert {id(view) for view in views[1:]} < {id(view) for view in chosen}
+    assert len({id(view) for view in chosen}) == MOST_VIEWS
 
 
 def test_detection_reads_every_image_and_can_be_stopped() -> None:

@@ -1,5 +1,7 @@
 """Finding the QP of a group for a target."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -25,11 +27,12 @@ def test_the_search_finds_the_last_qp_that_is_good_enough_in_few_calls(steepness
     assert len(calls) == len(set(calls)) <= 6
 
 
-@pytest.mark.parametrize(("quality", "qp"), [("0.001 KB", 51), ("100 dB", 1)])
-def test_targets_out_of_reach_are_said(tmp_path, quality, qp):
-    with refuses("bake.target_missed", qp=qp, setting="bake.quality", group=3):
+@pytest.mark.parametrize(("quality", "target", "qp"), [("0.001 KB", 0.001, 51), ("100 dB", 100, 1)])
+def test_targets_out_of_reach_are_said(tmp_path: Path, quality: str, target: float, qp: int) -> None:
+    with refuses("bake.target_missed", qp=qp, setting="bake.quality", group=3, expected=target) as caught:
         error = lambda index, decoded: 1e-3  # noqa: E731
         bake_group(turned_bodies(2, 200), tmp_path, 3, 0, BakeSettings(quality=quality), quality=error)
+    assert caught.value.value == pytest.approx(30) if qp == 1 else caught.value.value > 0.1
 
 
 def test_kilobytes(tmp_path):
