@@ -1,14 +1,15 @@
 """The color differences between the cameras of a take, fitted once before its groups are trained."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
-from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.stages.training_views import ViewReader
 from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.results.stage_files import CameraColors
 from v3studio.pipelines.takes.take import Take
@@ -16,31 +17,31 @@ from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message
 
 if TYPE_CHECKING:
-    from v3studio.studio.training import TrainingView
+    from v3studio.pipelines.stages.train_plan import TrainPlan
 
 VERSION = 1
 
 _LARGE = 13.0  # levels of 255 from the mean camera from which on a camera is named in the log
 
 
-def ensure_camera_colors(inputs: Inputs, reporter: StageReporter, key: str) -> None:
+def ensure_camera_colors(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
     """Fit the matrices unless they are there; any worker gives the same bytes. Raises StudioError."""
-    chosen = inputs.config.train.camera_colors
+    chosen = plan.settings.camera_colors
     if isinstance(chosen, int):
-        fit = partial(_fit_to_chart, inputs, reporter, key, chosen)
+        fit = partial(_fit_to_chart, plan, reporter, key, chosen)
     else:
-        check_first_points(inputs.take, "the colors of the cameras are fitted to")
-        fit = partial(_fit_to_splats, inputs, reporter, key)
-    ensure_fitted(inputs, reporter, inputs.take.camera_colors, CameraColors, key, fit)
+        check_first_points(plan.take, "the colors of the cameras are fitted to")
+        fit = partial(_fit_to_splats, plan, reporter, key)
+    ensure_fitted(plan, reporter, plan.take.camera_colors, CameraColors, key, fit)
 
 
-def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int) -> None:
+def _fit_to_chart(plan: TrainPlan, reporter: StageReporter, key: str, frame: int) -> None:
     from v3studio.studio.footage.color_chart import fit_chart_colors, reasons
 
-    footage = inputs.calibrated_footage
+    footage = plan.footage
     searching = reporter.counting("colors of cameras: chart in image")
     fit = fit_chart_colors(footage, frame, footage.train_cameras, searching)
-    _write(inputs.take, key, frame, fit.matrices)
+    _write(plan.take, key, frame, fit.matrices)
     for name in fit.matrices:
         reporter.log(
             f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
@@ -55,27 +56,27 @@ def _fit_to_chart(inputs: Inputs, reporter: StageReporter, key: str, frame: int)
 
 def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:
     colors = CameraColors(
-        key=key, frame=int(frame), cameras={name: tuple(map(tuple, one.tolist())) for name, one in matrices.items()}
+        key=key,
+        frame=int(frame),
+        cameras={name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()},
     )
     take.forget("train")
     write_model(take.camera_colors, colors)
     return colors
 
 
-def _fit_to_splats(inputs: Inputs, reporter: StageReporter, key: str) -> None:
+def _fit_to_splats(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
     from v3studio.studio.training import fit_camera_colors
 
-    group, footage = inputs.groups[0], inputs.calibrated_footage
+    group, reader = plan.groups[0], ViewReader.of(plan.inputs, before_fits=True, colored=False)
     reading, fitting = reporter.counting("colors of cameras: image"), reporter.counting("colors of cameras: step")
-    views: list[TrainingView] = training_views(
-        inputs, reporter, group.keyframe, reading, inputs.threads, footage=footage, colored=False, detailed=False
-    )
-    seed = derived_seed(inputs.config.run.seed, "camera colors")
-    found = fit_camera_colors(views, *initial_points(inputs, group), inputs.config.train, seed=seed, progress=fitting)
+    views = reader.views(group.keyframe, reporter, reading, plan.inputs.threads)
+    points, seed = initial_points(plan.take, group, reader.device), derived_seed(plan.seed, "camera colors")
+    matrices = fit_camera_colors(views, *points, plan.settings, seed=seed, progress=fitting)
     names = [view.camera.name for view in views]
-    colors = _write(inputs.take, key, group.keyframe, dict(zip(names, found, strict=True)))
+    colors = _write(plan.take, key, group.keyframe, dict(zip(names, matrices, strict=True)))
     _log_differences(reporter, colors)
-    without = [name for name in footage.train_cameras if name not in names]
+    without = [name for name in reader.footage.train_cameras if name not in names]
     if without:
         reporter.warn(
             Message(

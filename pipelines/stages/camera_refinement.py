@@ -10,87 +10,79 @@ import numpy as np
 
 from v3studio.pipelines.reports.calibration import write_calibration_page
 from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
-from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.stages.training_views import ViewReader
 from v3studio.pipelines.takes.files.json_files import write_model
-from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement, cameras_source
+from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement
 from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.own_frame import own_frame
 
 if TYPE_CHECKING:
+    from v3studio.pipelines.stages.train_plan import TrainPlan
     from v3studio.studio.training import Correction, TrainingView
 
 VERSION = 2
 
 
-def refines_cameras(inputs: Inputs) -> bool:
-    """Whether cameras are refined (`train.refine_cameras`): with "auto", those that were calibrated from footage."""
-    wanted = inputs.config.train.refine_cameras
-    if wanted != "auto":
-        return wanted == "always"
-    return cameras_source(inputs.take) in ("footage", "tie points")
-
-
-def ensure_refined_cameras(inputs: Inputs, reporter: StageReporter, key: str) -> None:
+def ensure_refined_cameras(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
     """Refine the cameras unless that is done; any worker gives the same bytes. Raises StudioError."""
-    check_first_points(inputs.take, "the cameras are refined with")
-    fit = partial(_refine, inputs, reporter, key)
-    ensure_fitted(inputs, reporter, inputs.take.camera_refinement, CameraRefinement, key, fit)
-    inputs.forget_cameras()
+    check_first_points(plan.take, "the cameras are refined with")
+    fit = partial(_refine, plan, reporter, key)
+    ensure_fitted(plan, reporter, plan.take.camera_refinement, CameraRefinement, key, fit)
+    plan.inputs.forget_cameras()
 
 
-def drop_refined_cameras(inputs: Inputs) -> None:
-    for path in (inputs.take.camera_refinement, inputs.take.refined_rig):
+def drop_refined_cameras(plan: TrainPlan) -> None:
+    """Delete what refining the cameras gave."""
+    for path in (plan.take.camera_refinement, plan.take.refined_rig):
         if path.exists():
-            inputs.take.forget("train")
+            plan.take.forget("train")
             remove(path)
-            inputs.forget_cameras()
+            plan.inputs.forget_cameras()
 
 
-def _refine(inputs: Inputs, reporter: StageReporter, key: str) -> None:
+def _refine(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
     from v3studio.studio.training import refine_cameras
     from v3studio.studio.training.camera_refinement import WORTH
 
-    group, footage = inputs.groups[0], inputs.calibrated_footage
+    take, group, reader = plan.take, plan.groups[0], ViewReader.of(plan.inputs, before_fits=True)
+    footage = reader.footage
     reading, refining = reporter.counting("refining cameras: image"), reporter.counting("refining cameras: step")
 
     def views(cameras: Sequence[str]) -> list[TrainingView]:
         seeing = [name for name in cameras if (footage.view(name, group.keyframe).mask > 127).any()]
         if not seeing:
             return []
-        return training_views(
-            inputs, reporter, group.keyframe, reading, inputs.threads, footage=footage, cameras=seeing, detailed=False
-        )
+        return reader.views(group.keyframe, reporter, reading, plan.inputs.threads, seeing)
 
     trained, held_out = views(footage.train_cameras), views(footage.measured_cameras)
-    points, seed = initial_points(inputs, group), derived_seed(inputs.config.run.seed, "camera refinement")
-    found = refine_cameras(trained, *points, inputs.config.train, held_out=held_out, seed=seed, progress=refining)
-    used = found.gain >= WORTH
+    points, seed = initial_points(take, group, reader.device), derived_seed(plan.seed, "camera refinement")
+    fitted = refine_cameras(trained, *points, plan.settings, held_out=held_out, seed=seed, progress=refining)
+    used = fitted.gain >= WORTH
     names = [view.camera.name for view in (*trained, *held_out)]
-    corrections = dict(zip(names, (*found.corrections, *found.held_out), strict=True))
-    given = read_rig(inputs.take.rig)
+    corrections = dict(zip(names, (*fitted.corrections, *fitted.held_out), strict=True))
+    given = read_rig(take.rig)
     rig = _refined(given, footage.rig, corrections)
-    drop_refined_cameras(inputs)
+    drop_refined_cameras(plan)
     if used:
-        with atomic_path(inputs.take.refined_rig) as temporary:
+        with atomic_path(take.refined_rig) as temporary:
             write_rig(rig, temporary)
     report = CameraRefinement(
         key=key,
         frame=int(group.keyframe),
         used=used,
-        before=round(found.before, 3),
-        after=round(found.after, 3),
-        held_out_calibrated=found.held_out_calibrated and round(found.held_out_calibrated, 3),
-        held_out_before=found.held_out_before and round(found.held_out_before, 3),
-        held_out_after=found.held_out_after and round(found.held_out_after, 3),
+        before=round(fitted.before, 3),
+        after=round(fitted.after, 3),
+        held_out_calibrated=fitted.held_out_calibrated and round(fitted.held_out_calibrated, 3),
+        held_out_before=fitted.held_out_before and round(fitted.held_out_before, 3),
+        held_out_after=fitted.held_out_after and round(fitted.held_out_after, 3),
         cameras=_changes(given, rig, footage.rig, names),
     )
-    write_model(inputs.take.camera_refinement, report)
-    write_calibration_page(inputs.take)
+    write_model(take.camera_refinement, report)
+    write_calibration_page(take)
     reporter.log(report.sentence)
 
 
@@ -110,20 +102,20 @@ def _refined(given: Rig, seen: Rig, corrections: dict[str, Correction]) -> Rig:
 
 
 def _changes(given: Rig, rig: Rig, seen: Rig, names: Sequence[str]) -> dict[str, CameraChange]:
-    found = {}
+    changes = {}
     for name in names:
         before, after = given[name], rig[name]
         smaller = seen[name].width / before.width
         sine = min(1.0, float(np.linalg.norm(after.rotation - before.rotation)) / 8**0.5)
         moved = np.hypot(after.cx - before.cx, after.cy - before.cy)
-        found[name] = CameraChange(
+        changes[name] = CameraChange(
             degrees=round(float(np.degrees(2 * np.arcsin(sine))), 4),
             distance=round(float(np.linalg.norm(after.center - before.center)), 6),
             focal=round(smaller * (after.fx - before.fx), 3),
             principal_point=round(smaller * float(moved), 3),
             radial=round(_radial(after) - _radial(before), 6),
         )
-    return found
+    return changes
 
 
 def _radial(camera: Camera) -> float:

@@ -84,6 +84,7 @@ class StageReporter:
         self._left = Countdown()
         self._warming: list[tuple[float, float]] = []  # seconds and fraction, from the first progress on
         self._lock = threading.Lock()
+        self._warned: set[str] = set()  # codes of the warnings so far
 
     def check(self) -> None:
         self.cancellation.check()
@@ -184,6 +185,10 @@ class StageReporter:
         """Report a detail; see `Log`."""
         self._emit(Log(stage=self.stage, message=message))
 
-    def warn(self, message: Message) -> None:
-        """Report a warning."""
-        self._emit(Warned.of(message, stage=self.stage))
+    def warn(self, message: Message, once: bool = False) -> None:
+        """Report a warning; `once`: only the first of this code."""
+        with self._lock:
+            if once and message.code in self._warned:
+                return
+            self._warned.add(message.code)
+            self.emit(Warned.of(message, stage=self.stage))

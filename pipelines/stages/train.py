@@ -10,107 +10,97 @@ Where the group is then trained jointly, each frame is replaced, with one key fo
 frames. What was there before is kept beside it, so that another joint training, or a longer take, starts from it.
 """
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
-from v3studio.pipelines.stages import Executor, camera_colors, camera_refinement, stage_named
+from v3studio.pipelines.stages import Executor, stage_named
 from v3studio.pipelines.stages.baking.live import LiveBake
 from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
-from v3studio.pipelines.stages.camera_fit import fit_key, initial_files
-from v3studio.pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refined_cameras, refines_cameras
+from v3studio.pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refined_cameras
 from v3studio.pipelines.stages.footage_check import footage_check
-from v3studio.pipelines.stages.group_scheduler import (
-    groups_at_once,
-    refuse_too_little_memory,
-    run_groups,
-    threads_of_groups,
-)
+from v3studio.pipelines.stages.group_scheduler import refuse_too_little_memory, run_groups, sides_at_once
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
+from v3studio.pipelines.stages.params import Params, key_of
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.train_group import GroupWork, TrainClock, before_joint
-from v3studio.pipelines.stages.training_views import details_at
+from v3studio.pipelines.stages.train_group import GroupJob, train_group
+from v3studio.pipelines.stages.train_plan import TrainPlan
+from v3studio.pipelines.stages.train_progress import Previews, TrainClock, TrainProgress
+from v3studio.pipelines.stages.training_views import ViewReader
 from v3studio.pipelines.takes.authored.edits import edit_params
 from v3studio.pipelines.takes.files.json_files import read_model
-from v3studio.pipelines.takes.frames.frame_files import has_key
 from v3studio.pipelines.takes.frames.groups import Group
-from v3studio.pipelines.takes.results.records import result_of
 from v3studio.pipelines.takes.results.stage_files import TrainedGroup
 from v3studio.pipelines.takes.results.summaries import TrainSummary
 from v3studio.studio.atomic_files import remove
 from v3studio.studio.counts import counted
-from v3studio.studio.errors import StudioError
 
 STAGE = stage_named("train")
 
 
 def params(inputs: Inputs) -> Params:
     """Training views, training settings, marked details, and frames."""
+    plan = TrainPlan(inputs)
     return {
-        **_keyframe_recipe(inputs),
-        **settings_affecting(inputs.config, "later_frames", "joint_frames"),
+        **plan.recipe,
+        **plan.later,
+        **plan.joint,
         **edit_params(inputs.edits, "details"),
         "frames": list(inputs.raw_footage.frames),
-        "groups": [one.first for one in inputs.groups],
+        "groups": [group.first for group in plan.groups],
     }
 
 
 def results(inputs: Inputs) -> list[Path]:
     """One file per frame, the colors of the cameras, and what refining the cameras changed."""
-    colors = [inputs.take.camera_colors] if inputs.config.train.camera_colors is not None else []
-    refinement = [inputs.take.camera_refinement] if refines_cameras(inputs) else []
-    frames = [inputs.take.trained_frame(group.index, index) for group in inputs.groups for index in group.indices]
-    return colors + refinement + frames
+    plan = TrainPlan(inputs)
+    colors = [] if plan.settings.camera_colors is None else [plan.take.camera_colors]
+    refinement = [plan.take.camera_refinement] if plan.refines else []
+    return colors + refinement + [path for group in plan.groups for path in plan.frame_paths(group)]
 
 
 def units(inputs: Inputs) -> tuple[int, int, str] | None:
     """Frames trained with current settings and inputs."""
-    groups, recipe = inputs.groups, _keyframe_recipe(inputs)
-    done = sum(len(_finished(inputs, group, recipe)) for group in groups)
-    return done, sum(len(group.frames) for group in groups), "frames"
+    plan = TrainPlan(inputs)
+    done = sum(len(plan.trained(group)) for group in plan.groups)
+    return done, sum(len(group.frames) for group in plan.groups), "frames"
 
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> TrainSummary:
     """Train the frames that are missing."""
-    groups = inputs.groups
-    footage = inputs.calibrated_footage
-    if not footage.train_cameras:
-        problem = "all cameras are held out; none are left to train on"
-        fix = "Remove cameras from capture.held_out."
-        raise StudioError("settings.no_training_camera", problem, fix=fix, setting="capture.held_out")
-    done = {group.index for group in groups if group_done(inputs, group)}
-    todo = [group for group in groups if group.index not in done]
+    plan = TrainPlan(inputs)
+    plan.refuse_without_cameras()
+    done = {group.index for group in plan.groups if plan.is_done(group)}
+    todo = [group for group in plan.groups if group.index not in done]
     if executor is None and todo:
         refuse_too_little_memory(inputs)
     if executor is None or not todo:  # else those that train the groups need it, and have the devices
-        _prepare(inputs, reporter)
+        _fit_cameras(plan, reporter)
     reporter.start_clock()
     with LiveBake(inputs, reporter, done) if inputs.config.run.live else nullcontext() as live:
         written = (lambda group: None) if live is None else live.written
         if executor is None:
-            _train_groups(inputs, reporter, todo, groups_at_once(inputs), written=written, lock=True)
+            _train_groups(plan, reporter, todo, plan.at_once, written=written, lock=True)
         else:
             executor.run(STAGE, inputs, todo, reporter, lambda group: written(group.index))
     trained = []
-    for group in groups:
-        _drop_leftovers(inputs, group)
-        trained.append(read_model(inputs.take.train_group(group.index) / "group.json", TrainedGroup))
-    if inputs.config.train.camera_colors is None:
-        remove(inputs.take.camera_colors)
-    inputs.take.keep_groups(STAGE.name, len(groups))
+    for group in plan.groups:
+        _drop_leftovers(plan, group)
+        trained.append(read_model(plan.take.train_group(group.index) / "group.json", TrainedGroup))
+    if plan.settings.camera_colors is None:
+        remove(plan.take.camera_colors)
+    plan.take.keep_groups(STAGE.name, len(plan.groups))
     return TrainSummary(
-        groups=len(groups),
-        frames=len(footage.frames),
-        splats=tuple(one.splats for one in trained),
-        outlines_off=tuple(one.outlines_off and round(one.outlines_off, 1) for one in trained),
+        groups=len(plan.groups),
+        frames=sum(len(group.frames) for group in plan.groups),
+        splats=tuple(report.splats for report in trained),
+        outlines_off=tuple(report.outlines_off and round(report.outlines_off, 1) for report in trained),
     )
 
 
 def _train_groups(
-    inputs: Inputs,
+    plan: TrainPlan,
     reporter: StageReporter,
     groups: Sequence[Group],
     at_once: int,
@@ -119,134 +109,77 @@ def _train_groups(
     written: Callable[[int], None] = lambda group: None,
 ) -> None:
     """Train groups that are not done, `at_once` in parallel, and meanwhile check the frames that are not trained yet.
-    `lock`: whether the groups are still to be locked."""
-    finished = {group.index: _finished(inputs, group) for group in groups}
+    `lock`: whether the groups are still to be locked; `written`: called with the number of a group when all of its
+    frames are there."""
+    if not groups:
+        return
+    trained = {group.index: plan.trained(group) for group in groups}
     for group in groups:
-        if done := len(finished[group.index]):
+        if done := len(trained[group.index]):
             reporter.log(f"group {group.index}: {done} of {counted(len(group.frames), 'frame')} are already trained")
-    clock = TrainClock(groups, finished, inputs.config.train)
-    work = GroupWork(inputs, reporter, clock, max(1, inputs.threads // at_once), written)
+    keys = {group.index: plan.keys_to_write(group) for group in groups}
+    run, views = plan.inputs.config.run, ViewReader.of(plan.inputs)
+    progress = TrainProgress(reporter, TrainClock(groups, trained, plan.settings))
+    background = plan.inputs.config.evaluate.background
+    previews = Previews(reporter, views.footage, plan.take.previews, background, views.device, run.preview_seconds)
 
-    def train(group: Group, *keys: list[str]) -> None:
-        with inputs.take.group_locked(STAGE.name, group.index, work.check) if lock else nullcontext():
-            if not group_done(inputs, group):
-                work.train(group, _finished(inputs, group), *keys)
+    def train(group: Group) -> None:
+        with plan.take.group_locked(STAGE.name, group.index, progress.check) if lock else nullcontext():
+            if not plan.is_done(group):
+                job = GroupJob(
+                    group=group,
+                    keys=keys[group.index],
+                    final_keys=plan.final_keys(keys[group.index]),
+                    trained=plan.trained(group),
+                    take=plan.take,
+                    views=views,
+                    previews=previews,
+                    readers=max(1, plan.inputs.threads // at_once),
+                    sides_at_once=sides_at_once(plan.inputs, plan.threads[group.index]),
+                    seed=plan.seed,
+                    since=plan.since,
+                )
+                train_group(job, progress)
+        written(group.index)
 
-    jobs = {group.index: partial(train, group, *_keys_to_write(inputs, group)) for group in groups}
-    frames = tuple(
-        frame
-        for group in groups
-        for position, frame in enumerate(group.frames)
-        if position not in finished[group.index]
-    )
-    checks = inputs.config.run.check_footage and frames
-    with footage_check(inputs.trained_footage, frames, work.stop, reporter) if checks else nullcontext():
-        run_groups(jobs, at_once, threads_of_groups(inputs), work.stop)
+    frames = tuple(frame for group in groups for at, frame in enumerate(group.frames) if at not in trained[group.index])
+    checks = run.check_footage and frames
+    with footage_check(views.footage, frames, progress.stop, reporter) if checks else nullcontext():
+        run_groups({group.index: partial(train, group) for group in groups}, at_once, plan.threads, progress.stop)
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
     """See `GroupStageCode`: the keys of the outermost frames cover those between them."""
-    keys = _final_keys(inputs, frame_keys(inputs, group))
+    plan = TrainPlan(inputs)
+    keys = plan.final_keys(plan.keys(group))
     return key_of(STAGE.name, STAGE.version, keys[0], keys[-1])
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    return _is_final(inputs, group, frame_keys(inputs, group))
+    return TrainPlan(inputs).is_done(group)
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
     refuse_too_little_memory(inputs)
-    _prepare(inputs, reporter)
-    _train_groups(inputs, reporter, (group,), 1, lock=False)
+    plan = TrainPlan(inputs)
+    _fit_cameras(plan, reporter)
+    _train_groups(plan, reporter, (group,), 1, lock=False)
 
 
-def _prepare(inputs: Inputs, reporter: StageReporter) -> None:
+def _fit_cameras(plan: TrainPlan, reporter: StageReporter) -> None:
     """Fit the colors of the cameras, and refine the cameras, if that is wanted and not done yet."""
-    settings, recipe = inputs.config.train, _keyframe_recipe(inputs)
-    keys = _cameras_keys(inputs, recipe)
-    if settings.camera_colors is not None:
-        ensure_camera_colors(inputs, reporter, keys[0])
-    if refines_cameras(inputs):
-        ensure_refined_cameras(inputs, reporter, keys[-1])
+    if plan.colors_key is not None:
+        ensure_camera_colors(plan, reporter, plan.colors_key)
+    if plan.refinement_key is not None:
+        ensure_refined_cameras(plan, reporter, plan.refinement_key)
     else:
-        drop_refined_cameras(inputs)
+        drop_refined_cameras(plan)
 
 
-def _cameras_keys(inputs: Inputs, recipe: Params) -> list[str]:
-    """Of what is fitted to the cameras before groups are trained, if wanted: colors, then refined cameras."""
-    take, first = inputs.take, inputs.groups[0]
-    keys = []
-    if inputs.config.train.camera_colors is not None:
-        keys.append(fit_key(take, first, "camera colors", camera_colors.VERSION, recipe))
-    if refines_cameras(inputs):
-        keys.append(fit_key(take, first, "camera refinement", camera_refinement.VERSION, recipe, *keys))
-    return keys
-
-
-def _keyframe_recipe(inputs: Inputs) -> Params:
-    return {**inputs.seen_by_training(), **settings_affecting(inputs.config, "keyframe")}
-
-
-def frame_keys(inputs: Inputs, group: Group, recipe: Params | None = None) -> list[str]:
-    """Key of each frame of the group, in order; `recipe` is what `_keyframe_recipe` returns, if it is known."""
-    later = settings_affecting(inputs.config, "later_frames")
-    recipe = _keyframe_recipe(inputs) if recipe is None else recipe
-    calibrated, points = result_of(inputs.take, "calibrate"), initial_files(inputs.take, group)
-    more = (*_cameras_keys(inputs, recipe), *details_at(inputs.edits, group.keyframe))
-    start = key_of(STAGE.name, STAGE.version, recipe, calibrated, points, group.index, *more)
-    keys = {group.middle: key_of(STAGE.name, STAGE.version, start, group.keyframe)}
-    for position in chain(*group.sides):
-        frame, before = group.frames[position], group.trained_before(position)[-1]
-        details = details_at(inputs.edits, frame)
-        keys[position] = key_of(STAGE.name, STAGE.version, keys[before], later, frame, *details)
-    return [keys[position] for position in range(len(group.frames))]
-
-
-def _final_keys(inputs: Inputs, keys: list[str]) -> list[str]:
-    """The keys of a group's frames when it is done; `keys`: those of its frames before joint training."""
-    if not inputs.config.train.joint_iterations or len(keys) == 1:
-        return keys
-    joint = key_of(STAGE.name, STAGE.version, settings_affecting(inputs.config, "joint_frames"), keys[0], keys[-1])
-    return [joint] * len(keys)
-
-
-def _keys_to_write(inputs: Inputs, group: Group) -> tuple[list[str], list[str]]:
-    """The keys of frames that are trained now, before and after joint training: without the group's report they would
-    name other initial points, so a StudioError if it is missing, or a network file system does not show it here yet."""
-    report = inputs.take.initialize_group(group.index) / "report.json"
-    if not report.is_file():
-        problem = "the report of the group's initial points is missing, or this machine does not see it yet"
-        fix = "Run again. If that does not help, run `v3studio initialize TAKE --force`."
-        raise StudioError("train.no_initial_points", problem, file=report, fix=fix)
-    keys = frame_keys(inputs, group)
-    return keys, _final_keys(inputs, keys)
-
-
-def _is_final(inputs: Inputs, group: Group, keys: list[str]) -> bool:
-    """Whether all frames of a group are there and up to date; `keys`: as for `_final_keys`."""
-    pairs = zip(group.indices, _final_keys(inputs, keys), strict=True)
-    since = inputs.since.get(STAGE.name, 0)
-    return all(has_key(inputs.take.trained_frame(group.index, index), key, since) for index, key in pairs)
-
-
-def _finished(inputs: Inputs, group: Group, recipe: Params | None = None) -> Set[int]:
-    """Positions of the group's valid trained frames that need no missing one; joint training may be missing."""
-    keys = frame_keys(inputs, group, recipe)
-    if _is_final(inputs, group, keys):
-        return set(range(len(keys)))
-    found: set[int] = set()
-    for position in chain([group.middle], *group.sides):
-        since = inputs.since.get(STAGE.name, 0)
-        valid = before_joint(inputs.take, group, group.first + position, keys[position], since) is not None
-        if valid and found.issuperset(group.trained_before(position)):
-            found.add(position)
-    return found
-
-
-def _drop_leftovers(inputs: Inputs, group: Group) -> None:
-    take = inputs.take
-    wanted = {take.trained_frame(group.index, index) for index in group.indices}
-    if inputs.config.train.joint_iterations:
+def _drop_leftovers(plan: TrainPlan, group: Group) -> None:
+    """Delete frames that no plan wants: of an earlier length of the group, or from before joint training."""
+    take, wanted = plan.take, set(plan.frame_paths(group))
+    if plan.settings.joint_iterations:
         wanted |= {take.separate_frame(group.index, index) for index in group.indices}
     folder = take.train_group(group.index)
     for path in (*folder.glob("frame_*.safetensors"), *folder.glob("separate_*.safetensors")):

@@ -12,7 +12,7 @@ from v3studio.pipelines.stages.baking.measures import rendered_contribution
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.stages.training_views import ViewReader
 from v3studio.pipelines.takes.files.digests import digest_of_file
 from v3studio.pipelines.takes.frames.edited import EditedGroup
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors
@@ -105,6 +105,8 @@ class RungTraining:
         def reading(number: int, images: int) -> None:
             progress(0, rung.finetune_iterations)
 
+        views = ViewReader.of(inputs)
+
         resume = read_tensors(checkpoint, key)
         if resume is not None:
             reporter.log(f"group {group.index}: resuming {rung.kept} at step {int(resume['done'])}")
@@ -117,7 +119,7 @@ class RungTraining:
         frames = [read_frame(inputs.take.finished_frame(group.index, group.indices[at])) for at in positions]
         return train_offsets(
             [frame.to(inputs.device) for frame in frames],
-            [training_views(inputs, reporter, group.frames[at], reading) for at in positions],
+            [views.views(group.frames[at], reporter, reading) for at in positions],
             kept,
             frames[0].sh_degree if rung.sh_degree is None else min(rung.sh_degree, frames[0].sh_degree),
             # fewer splats overfit less

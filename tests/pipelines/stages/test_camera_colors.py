@@ -14,7 +14,8 @@ from v3studio.pipelines.runs.runner import status
 from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.stages.train_plan import TrainPlan
+from v3studio.pipelines.stages.training_views import ViewReader
 from v3studio.pipelines.takes.files.json_files import read_json
 from v3studio.pipelines.takes.take import Take
 
@@ -78,7 +79,7 @@ def test_a_camera_that_is_not_corrected_is_named(copied: Path) -> None:
     run_take(copied, stages=INITIALIZED)
     events: list[Event] = []
     context = Inputs(Take.open(copied / "take"), settings_in(copied, COLORS))
-    ensure_camera_colors(context, StageReporter("train", events.append), "key")
+    ensure_camera_colors(TrainPlan(context), StageReporter("train", events.append), "key")
     (warning,) = warnings_in(events, "training.no_camera_color")
     assert "the colors of cam1 are not corrected" in warning.message
 
@@ -124,7 +125,7 @@ def test_they_come_from_a_chart_outside_of_the_take(charted: tuple[Path, np.ndar
     views = {}
     for options in (CHART[:2], CHART):
         context = Inputs(take, settings_in(project, *options))
-        seen = training_views(context, StageReporter("train", events.append), 0, lambda number, images: None)
+        seen = ViewReader.of(context).views(0, StageReporter("train", events.append))
         views[len(options)] = {view.camera.name: view.color for view in seen}
     assert all(color is None for color in views[len(CHART) - 1].values())
     assert [name for name, color in views[len(CHART)].items() if color is None] == ["cam3"]

@@ -1,7 +1,7 @@
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tests.support.tiny_capture import settings_in
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import training_views
+from v3studio.pipelines.stages.training_views import ViewReader
 from v3studio.pipelines.takes.authored.edits import change_edits
 from v3studio.pipelines.takes.frames.frame_files import read_about
 from v3studio.pipelines.takes.take import Take
@@ -24,7 +24,7 @@ def views_of(project: Path, *options: str) -> list[TrainingView]:
     mark = DetailMark(radius=0.1, path=((0, (0.0, 0.0, 0.0)),))
     change_edits(take.edits, EditList(details=(mark,)), "details")
     context = Inputs(take, settings_in(project, *options))
-    return training_views(context, StageReporter("train"), 0, lambda number, images: None)
+    return ViewReader.of(context).views(0, StageReporter("train"))
 
 
 HALF = "capture.scale=0.5"
@@ -63,10 +63,9 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     view = SimpleNamespace(camera=camera, image=plate + 20, mask=mask, plate=plate)
     footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view, chroma=lambda name: None)
     config = Config.model_validate({"train": {"use_plates": use_plates}})
-    given = {"config": config, "edits": EditList(), "training_box": None, "device": "cpu", "trained_footage": footage}
-    context = SimpleNamespace(**given)
-    (found,) = training_views(context, StageReporter("train"), 0, lambda number, images: None)
-    assert (found.plate is not None) == use_plates
+    reader = ViewReader(cast(Any, footage), config.train, "cpu", 1.0, None, EditList(), {})
+    (seen,) = reader.views(0, StageReporter("train"))
+    assert (seen.plate is not None) == use_plates
 
 
 def test_a_report_that_is_not_there_stops_training(take: Take, here: Callable[..., Any], tmp_path: Path) -> None:
