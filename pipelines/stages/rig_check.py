@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from v3studio.pipelines.reports.calibration import write_calibration_page
-from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import key_of
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
@@ -22,6 +21,8 @@ from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
+    from v3studio.pipelines.stages.initialize_plan import InitializePlan
+    from v3studio.pipelines.takes.frames.groups import Group
     from v3studio.studio.footage import Footage, FootageView
 
 
@@ -58,43 +59,42 @@ def judge_by_images(footage: Footage, frame: int, progress: ProgressFn) -> RigVe
     return judge({camera.name: camera for camera in footage.rig}, pairs, None)
 
 
-def check_rig(inputs: Inputs, key: str, frame: int, reporter: StageReporter) -> None:
-    """Judge the rig by a frame's images and masks, log the verdict, and store it under `key`, their digest."""
-    key = key_of("verdict", _VERSION, key)
-    path = inputs.take.rig_verdict
-    known = path.is_file() and path.stat().st_mtime_ns >= inputs.since.get("initialize", 0)
-    verdict = read_model(path, StoredVerdict) if known else None
+def check_rig(plan: InitializePlan, group: Group, reporter: StageReporter) -> None:
+    """Judge the rig by the images and masks of a keyframe, log the verdict, and store it. Raises StudioError: it is
+    wrong (`rig.wrong`, `masks.contradiction`), unless `run.check_rig` is false."""
+    key, path = key_of("verdict", _VERSION, plan.key(group)), plan.take.rig_verdict
+    verdict = read_model(path, StoredVerdict) if plan.is_current(path) else None
     if verdict is None or verdict.key != key:
-        verdict = StoredVerdict(key=key, **_judged(inputs, frame, reporter).model_dump())
+        verdict = StoredVerdict(key=key, **_judged(plan, group.keyframe, reporter).model_dump())
         path.parent.mkdir(parents=True, exist_ok=True)
         write_model(path, verdict)
-        write_calibration_page(inputs.take)
+        write_calibration_page(plan.take)
     if not verdict.blamed:
         reporter.log(f"cameras: {verdict.grade}. {verdict.reason}")
         return
     wrong = verdict.grade == "wrong"
     code = "masks.contradiction" if verdict.blamed == "masks" else "rig.wrong"
     cameras = list(verdict.doubtful)
-    if wrong and inputs.config.run.check_rig:
+    if wrong and plan.checks_rig:
         fix = f"{verdict.fix} To train anyway, set run.check_rig to false."
         raise StudioError(code, verdict.reason, fix=fix, setting="run.check_rig", cameras=cameras)
     warning = Message("rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": cameras})
     reporter.warn(replace(warning, code=code) if wrong else warning)
 
 
-def _judged(inputs: Inputs, frame: int, reporter: StageReporter) -> RigVerdict:
+def _judged(plan: InitializePlan, frame: int, reporter: StageReporter) -> RigVerdict:
     from v3studio.studio.masks.agreement.source import AgreedMaskSource
 
-    footage = inputs.calibrated_footage
+    footage = plan.footage
     matching = reporter.part("checking the cameras", 0.0, 0.02)
     pairs = match_images(_Images(footage, frame), progress=matching)
-    names = footage.train_cameras if inputs.config.capture.masks != "none" else ()
+    names = footage.train_cameras if plan.masked else ()
 
     def near(name: str) -> dict[int, np.ndarray]:
         if isinstance(footage.mask_source, AgreedMaskSource):  # agreed with the wrong frames of this camera
             return {}
         frames = set(footage.frames_of(name)) & set(range(frame - _NEAR, frame + _NEAR + 1)) - {frame}
-        return {one: footage.mask(name, one) for one in sorted(frames)}
+        return {number: footage.mask(name, number) for number in sorted(frames)}
 
     looking = reporter.part("comparing the masks", 0.02, 0.02)
     views = []
@@ -121,7 +121,7 @@ def judge_views(
     shapes = silhouettes(views, max_pixels=PIXELS * len(views))
     agreement = mask_agreement(shapes, least)
     disagreeing = contradicting(agreement)
-    verdict = judge(cameras, pairs, {name: one.error for name, one in agreement.items()}, disagreeing)
+    verdict = judge(cameras, pairs, {name: camera.error for name, camera in agreement.items()}, disagreeing)
     if not disagreeing or "masks" not in verdict.blamed:
         return verdict
     frame, worst = views[0].frame, disagreeing[:_NAMED_PLACES]
@@ -129,7 +129,7 @@ def judge_views(
     offsets = {}
     if verdict.grade != "wrong":
         fitting = {name: frame_that_fits(shapes, name, near(name), least) for name in worst}
-        offsets = {name: one - frame for name, one in fitting.items() if one is not None}
+        offsets = {name: other - frame for name, other in fitting.items() if other is not None}
     fix = verdict.fix
     if offsets:
         words = [f"{name} by about {counted(abs(by), 'frame')}" for name, by in offsets.items()]

@@ -8,7 +8,7 @@ import pytest
 from tests.support.sounds import clicks, write_wav
 from tests.support.streams import contents
 from v3studio.pipelines.config import Config, load_config
-from v3studio.pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, inputs, params, train_plan
+from v3studio.pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, initialize_plan, inputs, params, train_plan
 from v3studio.pipelines.stages.baking import plan, rungs
 from v3studio.pipelines.stages.baking.plan import BakePlan
 from v3studio.pipelines.stages.baking.publish import publish
@@ -43,7 +43,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], s
         names.update(found)
         return found
 
-    for module in (plan, train_plan, *(stage.code for stage in STAGES), inputs, rungs):
+    for module in (plan, train_plan, initialize_plan, *(stage.code for stage in STAGES), inputs, rungs):
         monkeypatch.setattr(module, "settings_affecting", noted, raising=False)
 
     def during(call: Callable[[], object]) -> set[str]:
