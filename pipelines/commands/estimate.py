@@ -93,9 +93,9 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
         return Inputs(Take.open(source), config)
     take = Take.create(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "take")
     inputs = Inputs(take, config)
-    from v3studio.pipelines.stages.calibrate import given_cameras
+    from v3studio.pipelines.stages.calibrate_plan import CalibratePlan
 
-    if given_cameras(inputs) is None:
+    if CalibratePlan(inputs).source != "file":
         calibrate = f"v3studio calibrate {source}" if is_take(source) else f"v3studio calibrate {source} --take DIR"
         problem = "the cameras are not known yet, and training cannot be rehearsed without them"
         raise StudioError("estimate.no_cameras", problem, fix=f"Run `{calibrate}` first, then estimate the take.")

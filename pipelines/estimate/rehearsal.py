@@ -21,8 +21,8 @@ import torch
 from v3studio.pipelines.estimate.work import Work
 from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.stages.evaluate import lpips_of
-from v3studio.pipelines.stages.group_scheduler import run_groups, threads_by_group
 from v3studio.pipelines.stages.inputs import Inputs
+from v3studio.pipelines.stages.training.group_scheduler import run_groups, threads_by_group
 from v3studio.studio.comparison import ViewPair, measure, padded_box
 from v3studio.studio.footage import FootageView
 from v3studio.studio.gaussians import Gaussians

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.pipelines.stages.train_plan import refines_cameras
+from v3studio.pipelines.stages.training.group_scheduler import groups_at_once, memory_of_group
+from v3studio.pipelines.stages.training.plan import refines_cameras
 from v3studio.studio.training.pruning import splats_after_pruning
 from v3studio.studio.training.settings import TrainSettings
 

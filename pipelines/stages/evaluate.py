@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,7 +14,7 @@ from v3studio.pipelines.config import Config
 from v3studio.pipelines.reports.evaluation import render_report, sample_images
 from v3studio.pipelines.stages import STAGE_NAMES, Executor, stage_named
 from v3studio.pipelines.stages.baking.plan import baked_frames
-from v3studio.pipelines.stages.compared_view import compared_cameras, compared_view
+from v3studio.pipelines.stages.compared_view import ComparedView, compared_cameras, compared_view
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
@@ -79,92 +79,140 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
     return None
 
 
+class EvaluatePlan:
+    """What is measured: the cameras, the frames of the stream, the groups that have them, and the key of each group's
+    results. `key`: digest of everything that the results are made from, but the group."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs, self.take, self.config = inputs, inputs.take, inputs.config
+        self.edits, self.all_groups = inputs.edits, inputs.groups
+        self.baked = baked_frames(inputs)
+        self.footage = inputs.trained_footage
+        self.cameras, self.held_out = compared_cameras(self.footage), bool(self.footage.measured_cameras)
+        self.groups = [group for group in self.all_groups if set(group.indices) & set(self.baked)]
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of everything that the results are made from."""
+        results = [result_of(self.take, dependency) for dependency in STAGE.dependencies]
+        return key_of(STAGE.name, STAGE.version, params(self.inputs), *results)
+
+    def key_of(self, group: Group) -> str:
+        """The key of a group's results."""
+        return f"{self.key}-{group.index}"
+
+    def file(self, group: Group) -> Path:
+        """Where the results of a group are kept until the evaluation is complete."""
+        return self.take.work(STAGE.name) / f"{group_name(group.index)}.json"
+
+    def measured(self, group: Group) -> MeasuredGroup | None:
+        """The results of a group; None if there are none that are up to date."""
+        with suppress(StudioError):
+            measured = read_model(self.file(group), MeasuredGroup)
+            return measured if measured.key == self.key_of(group) else None
+        return None
+
+    def lpips(self, device: str | None = None) -> Lpips | None:
+        """The LPIPS metric, on the device of the run unless another is named."""
+        return lpips_of(self.config, device or self.inputs.device)
+
+    def view(self, camera: str, frame: int) -> ComparedView | None:
+        """A view of a frame, by its number in the footage; None if the camera does not see the performer."""
+        return compared_view(self.inputs, camera, frame)
+
+
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
     """Decode, render and compare; write evaluation.json and report.html."""
-    footage = inputs.trained_footage
-    lpips = lpips_of(inputs.config, inputs.device if executor is None else "cpu")
+    plan = EvaluatePlan(inputs)
+    lpips = plan.lpips(None if executor is None else "cpu")
     if lpips is not None and lpips.remark:
         reporter.warn(lpips.remark)
-    held_out, cameras = bool(footage.measured_cameras), compared_cameras(footage)
-    if not held_out:
+    if not plan.held_out:
         problem = (
-            f"{_why_none(footage)}, so training cameras are measured: this shows how well the footage is "
+            f"{_why_none(plan.footage)}, so training cameras are measured: this shows how well the footage is "
             "reproduced, not the quality of new views"
         )
         fix = "Hold out cameras with masks: capture.held_out."
         reporter.warn(Message("evaluation.no_held_out", problem, fix=fix, fields={"setting": "capture.held_out"}))
-    baked = baked_frames(inputs)
-    groups = [group for group in inputs.groups if set(group.indices) & set(baked)]
     if executor is not None:
-        executor.run(STAGE, inputs, groups, reporter)
-    measured: list[MeasuredGroup] = []
-    with _reader(inputs) as reader:
-        played_bytes, bytes_per_frame = reader.played_bytes, reader.played_bytes / reader.frame_count
-        for group in groups:
-            with inputs.take.group_locked(STAGE.name, group.index, reporter.check):
-                found = _measured(inputs, group)
-                if found is None:
-                    share = [(group.first + frames) / len(footage.frames) for frames in (0, len(group.frames))]
-                    found = _measure(inputs, group, reporter, reader, 0.95 * share[0], 0.95 * share[1])
-            measured.append(found)
-    rows = tuple(row for one in measured for row in one.frames)
-    if not rows:
-        problem = f"the mask is empty in all frames of {', '.join(cameras)}: nothing to measure"
-        fix = "Check the masks, or hold out other cameras."
-        raise StudioError(
-            "evaluation.nothing_visible", problem, fix=fix, cameras=list(cameras), setting="capture.held_out"
-        )
-    for index, camera in (unseen for one in measured for unseen in one.unseen):
-        problem = f"{camera} does not see the performer in frame {footage.frames[index]}: not measured"
-        reporter.warn(
-            Message("evaluation.not_visible", problem, fields={"camera": camera, "frame": int(footage.frames[index])})
-        )
+        executor.run(STAGE, inputs, plan.groups, reporter)
+    with _reader(plan) as reader:
+        measured = [_measured(plan, group, reporter, reader) for group in plan.groups]
+        stream_bytes, frame_bytes = reader.played_bytes, reader.played_bytes / reader.frame_count
+    rows = tuple(row for group in measured for row in group.frames)
+    _tell_unseen(plan, measured, reporter)
     summary = EvaluationSummary(
         **_means(rows),
-        bytes_per_frame=round(bytes_per_frame, 1),
+        bytes_per_frame=round(frame_bytes, 1),
         psnr_trained_lowest_frame=min(row.psnr_trained for row in rows),
         psnr_decoded_lowest_frame=min(row.psnr_decoded for row in rows),
         **_mean_flicker("flicker", rows),
         **_mean_flicker("flicker_at_group_borders", [row for row in rows if row.starts_group]),
     )
-    protocol = Protocol(
-        cameras=tuple(cameras),
-        held_out=held_out,
-        note=_note(footage, inputs.take.refined_rig.is_file()),
-        resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in cameras},
-        crop=f"bounding box of the mask, padded by {inputs.config.evaluate.crop_padding} px",
-        background=inputs.config.evaluate.background,
-        footage="the camera's image composited over the background with the evaluation mask"
-        + (", where the camera sees the crop box" if inputs.edits.crop is not None else ""),
-        frames=tuple(int(footage.frames[index]) for index in baked),
-        mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
-        ssim="11x11 Gaussian window, sigma 1.5",
-        **({} if lpips is None else {"lpips": lpips.protocol}),
-        total_bytes=played_bytes,
-        total_bytes_are="all files that playing the best rendition takes, and the manifest",
-        bytes_of_a_frame="files of its group, divided by the frames in the group",
-    )
+    seen = {name: [row.cameras[name] for row in rows if name in row.cameras] for name in plan.cameras}
     evaluation = Evaluation(
         summary=summary,
-        protocol=protocol,
-        cameras={
-            name: Quality(**_means([row.cameras[name] for row in rows if name in row.cameras]))
-            for name in cameras
-            if any(name in row.cameras for row in rows)
-        },
+        protocol=_protocol(plan, lpips, stream_bytes),
+        cameras={name: Quality(**_means(qualities)) for name, qualities in seen.items() if qualities},
         frames=rows,
     )
     reporter.progress(0.97, "writing the report")
     before = STAGE_NAMES[: STAGE_NAMES.index(STAGE.name)]
-    samples = [images for one in measured for images in one.samples]
-    report = render_report(inputs.take, inputs.config, inputs.groups, evaluation, samples, before)
-    inputs.take.forget(STAGE.name)
-    write_text(inputs.take.report, report)
-    write_model(inputs.take.evaluation, evaluation)
-    remove(inputs.take.work(STAGE.name))
+    samples = [images for group in measured for images in group.samples]
+    report = render_report(plan.take, plan.config, plan.all_groups, evaluation, samples, before)
+    plan.take.forget(STAGE.name)
+    write_text(plan.take.report, report)
+    write_model(plan.take.evaluation, evaluation)
+    remove(plan.take.work(STAGE.name))
     reporter.metrics(summary.to_json())
     reporter.progress(1.0, "done")
     return summary
+
+
+def _measured(plan: EvaluatePlan, group: Group, reporter: StageReporter, reader: StreamReader) -> MeasuredGroup:
+    """The results of a group, measured now unless they are there."""
+    with plan.take.group_locked(STAGE.name, group.index, reporter.check):
+        measured = plan.measured(group)
+        if measured is not None:
+            return measured
+        start, stop = (0.95 * (group.first + count) / len(plan.footage.frames) for count in (0, len(group.frames)))
+        return _measure(plan, group, reporter, reader, start, stop)
+
+
+def _tell_unseen(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter: StageReporter) -> None:
+    """Warn of views without the performer. StudioError: they are in no view."""
+    if not any(group.frames for group in measured):
+        problem = f"the mask is empty in all frames of {', '.join(plan.cameras)}: nothing to measure"
+        fix = "Check the masks, or hold out other cameras."
+        raise StudioError(
+            "evaluation.nothing_visible", problem, fix=fix, cameras=list(plan.cameras), setting="capture.held_out"
+        )
+    for index, camera in (unseen for group in measured for unseen in group.unseen):
+        frame = int(plan.footage.frames[index])
+        problem = f"{camera} does not see the performer in frame {frame}: not measured"
+        reporter.warn(Message("evaluation.not_visible", problem, fields={"camera": camera, "frame": frame}))
+
+
+def _protocol(plan: EvaluatePlan, lpips: Lpips | None, stream_bytes: int) -> Protocol:
+    """How it was measured."""
+    footage, settings = plan.footage, plan.config.evaluate
+    return Protocol(
+        cameras=tuple(plan.cameras),
+        held_out=plan.held_out,
+        note=_note(footage, plan.take.refined_rig.is_file()),
+        resolution={name: (footage.rig[name].width, footage.rig[name].height) for name in plan.cameras},
+        crop=f"bounding box of the mask, padded by {settings.crop_padding} px",
+        background=settings.background,
+        footage="the camera's image composited over the background with the evaluation mask"
+        + (", where the camera sees the crop box" if plan.edits.crop is not None else ""),
+        frames=tuple(int(footage.frames[index]) for index in plan.baked),
+        mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
+        ssim="11x11 Gaussian window, sigma 1.5",
+        **({} if lpips is None else {"lpips": lpips.protocol}),
+        total_bytes=stream_bytes,
+        total_bytes_are="all files that playing the best rendition takes, and the manifest",
+        bytes_of_a_frame="files of its group, divided by the frames in the group",
+    )
 
 
 def _why_none(footage: Footage) -> str:
@@ -185,17 +233,17 @@ def _note(footage: Footage, refined: bool) -> str:
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    results = [result_of(inputs.take, dependency) for dependency in STAGE.dependencies]
-    return f"{key_of(STAGE.name, STAGE.version, params(inputs), *results)}-{group.index}"
+    return EvaluatePlan(inputs).key_of(group)
 
 
 def group_done(inputs: Inputs, group: Group) -> bool:
-    return _measured(inputs, group) is not None
+    return EvaluatePlan(inputs).measured(group) is not None
 
 
 def run_group(inputs: Inputs, group: Group, reporter: StageReporter) -> None:
-    with _reader(inputs) as reader:
-        _measure(inputs, group, reporter, reader, 0.0, 1.0)
+    plan = EvaluatePlan(inputs)
+    with _reader(plan) as reader:
+        _measure(plan, group, reporter, reader, 0.0, 1.0)
 
 
 class MeasuredGroup(Result):
@@ -207,57 +255,45 @@ class MeasuredGroup(Result):
     samples: tuple[dict[str, str], ...]  # images in the report, of one view each: data URIs by label
 
 
-def _file(inputs: Inputs, group: Group) -> Path:
-    return inputs.take.work(STAGE.name) / f"{group_name(group.index)}.json"
-
-
-def _measured(inputs: Inputs, group: Group) -> MeasuredGroup | None:
-    """The results of a group; None if there are none that are up to date."""
-    key = group_key(inputs, group)
-    with suppress(StudioError):
-        found = read_model(_file(inputs, group), MeasuredGroup)
-        return found if found.key == key else None
-    return None
-
-
 @contextmanager
-def _reader(inputs: Inputs) -> Iterator[StreamReader]:
+def _reader(plan: EvaluatePlan) -> Iterator[StreamReader]:
     """The take's stream. Raises StudioError if it does not have the take's frames, or those of its trim."""
     from v3studio.studio.stream import StreamReader
 
-    with StreamReader.open(inputs.take.stream) as reader:
-        frames = len(baked_frames(inputs))
+    with StreamReader.open(plan.take.stream) as reader:
+        frames = len(plan.baked)
         if reader.frame_count != frames:
-            trim = inputs.edits.trim
-            of_take = f"the take has {frames}" if trim is None else f"the take is trimmed to {frames}"
+            of_take = f"the take has {frames}" if plan.edits.trim is None else f"the take is trimmed to {frames}"
             problem = f"the stream has {reader.frame_count} frames, but {of_take}"
-            value = reader.frame_count
             fix = "Run `v3studio bake`."
             raise StudioError(
-                "stream.frame_count", problem, file=inputs.take.stream, value=value, fix=fix, expected=frames
+                "stream.frame_count",
+                problem,
+                file=plan.take.stream,
+                value=reader.frame_count,
+                fix=fix,
+                expected=frames,
             )
         yield reader
 
 
 def _measure(
-    inputs: Inputs, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
+    plan: EvaluatePlan, group: Group, reporter: StageReporter, reader: StreamReader, start: float, stop: float
 ) -> MeasuredGroup:
     """Measure a group and keep the results in the take; `start` and `stop`: of the stage's progress."""
-    cameras = compared_cameras(inputs.trained_footage)
     rows: list[FrameQuality] = []
     unseen: list[tuple[int, str]] = []
     samples: list[dict[str, str]] = []
-    lpips = lpips_of(inputs.config, inputs.device)
+    baked, cameras, lpips = plan.baked, plan.cameras, plan.lpips()
     sizes = {
-        frame: one.bytes / one.frame_count
-        for one in reader.groups
-        for frame in range(one.first_frame, one.first_frame + one.frame_count)
+        frame: entry.bytes / entry.frame_count
+        for entry in reader.groups
+        for frame in range(entry.first_frame, entry.first_frame + entry.frame_count)
     }
-    baked = baked_frames(inputs)
     total = len(baked)
     shown = {baked[at] for at in np.linspace(0, total - 1, min(SHOWN_FRAMES, total)).round().astype(int)}
-    edited = EditedGroup(inputs.take, group, inputs.edits)
-    before = _residuals(inputs, group.first - 1, baked, reader, reporter)
+    edited = EditedGroup(plan.take, group, plan.edits)
+    before = _residuals(plan, group.first - 1, reader, reporter)
     for position, (index, frame) in enumerate(zip(group.indices, group.frames, strict=True)):
         if index not in baked:
             continue
@@ -268,7 +304,7 @@ def _measure(
         for number, camera in enumerate(cameras):
             done = (position + number / len(cameras)) / len(group.frames)
             reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
-            view = compared_view(inputs, camera, frame)
+            view = plan.view(camera, frame)
             if view is None:
                 unseen.append((index, camera))
                 continue
@@ -276,7 +312,7 @@ def _measure(
             residuals[camera] = pairs["decoded"].residual
             figures = {what: measure(pair, lpips) for what, pair in pairs.items()}
             views[camera] = Quality(
-                **{f"{name}_{what}": value for what, found in figures.items() for name, value in found.items()}
+                **{f"{name}_{what}": value for what, values in figures.items() for name, value in values.items()}
             )
             if index in shown and camera in cameras[:3]:
                 images = {"footage": pairs["decoded"].footage} | {what: pair.rendered for what, pair in pairs.items()}
@@ -296,37 +332,33 @@ def _measure(
             rows.append(row)
             reporter.metrics(row.measures, group=group.index, frame=frame)
         before = residuals
-    measured = MeasuredGroup(
-        key=group_key(inputs, group), frames=tuple(rows), unseen=tuple(unseen), samples=tuple(samples)
-    )
-    write_model(_file(inputs, group), measured)
+    measured = MeasuredGroup(key=plan.key_of(group), frames=tuple(rows), unseen=tuple(unseen), samples=tuple(samples))
+    write_model(plan.file(group), measured)
     return measured
 
 
-def _residuals(
-    inputs: Inputs, index: int, baked: range, reader: StreamReader, reporter: StageReporter
-) -> dict[str, Residual]:
+def _residuals(plan: EvaluatePlan, index: int, reader: StreamReader, reporter: StageReporter) -> dict[str, Residual]:
     """Residuals of one frame by camera; empty if it is not in the stream."""
-    found: dict[str, Residual] = {}
-    if index not in baked:
-        return found
-    decoded = reader.gaussians(index - baked[0])
-    for camera in compared_cameras(inputs.trained_footage):
+    residuals: dict[str, Residual] = {}
+    if index not in plan.baked:
+        return residuals
+    decoded = reader.gaussians(index - plan.baked[0])
+    for camera in plan.cameras:
         reporter.check()
-        view = compared_view(inputs, camera, inputs.raw_footage.frames[index])
+        view = plan.view(camera, plan.footage.frames[index])
         if view is not None:
-            found[camera] = view.pair(decoded).residual
-    return found
+            residuals[camera] = view.pair(decoded).residual
+    return residuals
 
 
 def _means(rows: Iterable[Quality]) -> dict[str, float]:
     """Mean of each metric over the rows that have it."""
     taken = [row.measures for row in rows]
-    values = {name: [row[name] for row in taken if name in row] for name in MEASURES}
-    return {name: round(sum(found) / len(found), 4) for name, found in values.items() if found}
+    figures = {name: [row[name] for row in taken if name in row] for name in MEASURES}
+    return {name: round(sum(column) / len(column), 4) for name, column in figures.items() if column}
 
 
 def _mean_flicker(name: str, rows: Iterable[FrameQuality]) -> dict[str, float]:
     """Mean over rows, as a field of the summary; empty if there is none."""
-    values = [row.flicker for row in rows if row.flicker is not None]
-    return {name: round(sum(values) / len(values), 4)} if values else {}
+    measured = [row.flicker for row in rows if row.flicker is not None]
+    return {name: round(sum(measured) / len(measured), 4)} if measured else {}

@@ -3,17 +3,11 @@
 The stage `initialize` finds it once, on a few cameras, and stores it in the take.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from v3studio.pipelines.stages.training_views import within_box
+from v3studio.pipelines.stages.initialize_plan import InitializePlan
+from v3studio.pipelines.stages.training.views import within_box
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.takes.results.stage_files import FoundMotion
 from v3studio.studio.progress import ProgressFn
-
-if TYPE_CHECKING:
-    from v3studio.pipelines.stages.initialize_plan import InitializePlan
 
 CAMERAS = 4  # maximum number of training cameras to look at, evenly spaced
 

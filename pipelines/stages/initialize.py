@@ -15,7 +15,7 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.rig_check import check_rig
-from v3studio.pipelines.stages.training_views import within_box
+from v3studio.pipelines.stages.training.views import within_box
 from v3studio.pipelines.takes.files.digests import digest_of_file
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.takes.frames.groups import Group

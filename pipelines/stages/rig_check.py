@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from v3studio.pipelines.reports.calibration import write_calibration_page
+from v3studio.pipelines.stages.initialize_plan import InitializePlan
 from v3studio.pipelines.stages.params import key_of
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
+from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.studio.calibration.epipolar import PairMatches, match_images
 from v3studio.studio.calibration.report import RigVerdict
 from v3studio.studio.calibration.verdict import judge
@@ -21,8 +23,6 @@ from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
-    from v3studio.pipelines.stages.initialize_plan import InitializePlan
-    from v3studio.pipelines.takes.frames.groups import Group
     from v3studio.studio.footage import Footage, FootageView
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.studio.calibration.settings import CalibrateSettings
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.progress import ProgressFn
 from v3studio.studio.validation import camera_error
 
 _MOST_FRAMES = 300  # per camera that are searched for the target, spread evenly: more views do not help
@@ -24,25 +25,24 @@ if TYPE_CHECKING:
     from v3studio.studio.footage import Footage
 
 
-def target_digest(inputs: Inputs) -> list[str]:
+def target_digest(settings: CalibrateSettings, capture: CaptureSettings) -> list[str]:
     """Digests of the files with the calibration target."""
-    section = inputs.config.calibrate
-    return [
-        _open(inputs.capture, pattern).digest()
-        for pattern in (section.board_images, section.intrinsics_images)
-        if pattern
-    ]
+    patterns = (settings.board_images, settings.intrinsics_images)
+    return [_open(capture, pattern).digest() for pattern in patterns if pattern]
 
 
-def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> CalibrationResult:
-    """Calibrate from `calibrate.board_images`, and `intrinsics_images` too. Raises StudioError: `target.*`."""
+def calibrate_with_target(
+    settings: CalibrateSettings, capture: CaptureSettings, names: Sequence[str], threads: int, reporter: StageReporter
+) -> CalibrationResult:
+    """Calibrate these cameras from `board_images`, and `intrinsics_images` too. Raises StudioError: `target.*`."""
     from v3studio.studio.calibration import calibrate_from_target
 
-    section = inputs.config.calibrate
-    assert section.board_images is not None
-    views, sizes = _views(inputs, section.board_images, reporter, 0.0, 0.6 if section.intrinsics_images else 0.8)
-    if section.intrinsics_images:
-        own, own_sizes = _views(inputs, section.intrinsics_images, reporter, 0.6, 0.8)
+    assert settings.board_images is not None
+    detecting = reporter.part("detecting the target", 0.0, 0.6 if settings.intrinsics_images else 0.8)
+    views, sizes = _views(settings, capture, settings.board_images, names, detecting)
+    if settings.intrinsics_images:
+        detecting = reporter.part("detecting the target", 0.6, 0.8)
+        own, own_sizes = _views(settings, capture, settings.intrinsics_images, names, detecting)
         for name, size in own_sizes.items():
             if sizes[name] != size:
                 problem = (
@@ -56,9 +56,7 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
         for number, ((_, name), view) in enumerate(own.items()):
             views[alone - number, name] = view
     solving = reporter.part("solving", 0.8, 1.0)
-    result = calibrate_from_target(
-        section.board, views, sizes, settings=section, threads=inputs.threads, progress=solving
-    )
+    result = calibrate_from_target(settings.board, views, sizes, settings=settings, threads=threads, progress=solving)
     target = result.report.target
     assert target is not None
     left_out, used = target.views_left_out, target.views
@@ -75,16 +73,15 @@ def calibrate_with_target(inputs: Inputs, reporter: StageReporter) -> Calibratio
 
 
 def intrinsics_from_target(
-    inputs: Inputs, reporter: StageReporter, start: float, stop: float
+    settings: CalibrateSettings, capture: CaptureSettings, names: Sequence[str], threads: int, detecting: ProgressFn
 ) -> tuple[dict[str, Camera], dict[str, IntrinsicsReport]]:
-    """Cameras by name from `calibrate.intrinsics_images`, and a report of their reprojection errors."""
+    """These cameras by name from `intrinsics_images`, and a report of their reprojection errors."""
     from v3studio.studio.calibration import calibrate_intrinsics
 
-    section = inputs.config.calibrate
-    assert section.intrinsics_images is not None
-    views, sizes = _views(inputs, section.intrinsics_images, reporter, start, stop)
+    assert settings.intrinsics_images is not None
+    views, sizes = _views(settings, capture, settings.intrinsics_images, names, detecting)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_intrinsics(section.board, own, sizes, section, inputs.threads)
+    return calibrate_intrinsics(settings.board, own, sizes, settings, threads)
 
 
 def _open(capture: CaptureSettings, pattern: str) -> Footage:
@@ -103,11 +100,12 @@ def _open(capture: CaptureSettings, pattern: str) -> Footage:
 
 
 def _views(
-    inputs: Inputs, pattern: str, reporter: StageReporter, start: float, stop: float
+    settings: CalibrateSettings, capture: CaptureSettings, pattern: str, names: Sequence[str], detecting: ProgressFn
 ) -> tuple[dict[tuple[int, str], TargetObservation], dict[str, tuple[int, int]]]:
+    """Views of the target by sync frame and camera, and the cameras' image sizes."""
     from v3studio.studio.calibration import detect_target
 
-    names, footage = inputs.raw_footage.camera_names, _open(inputs.capture, pattern)
+    footage = _open(capture, pattern)
     missing = [name for name in names if name not in footage.camera_names]
     if missing:
         problem = (
@@ -123,6 +121,5 @@ def _views(
     chosen = {frames[int(index)] for index in np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames)))}
     sync_frames = {name: [frame for frame in footage.frames_of(name) if frame in chosen] for name in names}
     readers: dict[str, Callable[[int], np.ndarray]] = {name: partial(footage.raw_image, name) for name in names}
-    detecting = reporter.part("detecting the target", start, stop)
     with closing(footage):
-        return detect_target(readers, sync_frames, inputs.config.calibrate.board, detecting)
+        return detect_target(readers, sync_frames, settings.board, detecting)

@@ -17,17 +17,17 @@ from pathlib import Path
 
 from v3studio.pipelines.stages import Executor, stage_named
 from v3studio.pipelines.stages.baking.live import LiveBake
-from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
-from v3studio.pipelines.stages.camera_refinement import drop_refined_cameras, ensure_refined_cameras
-from v3studio.pipelines.stages.footage_check import footage_check
-from v3studio.pipelines.stages.group_scheduler import refuse_too_little_memory, run_groups, sides_at_once
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, key_of
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.train_group import GroupJob, train_group
-from v3studio.pipelines.stages.train_plan import TrainPlan
-from v3studio.pipelines.stages.train_progress import Previews, TrainClock, TrainProgress
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.camera_colors import ensure_camera_colors
+from v3studio.pipelines.stages.training.camera_refinement import drop_refined_cameras, ensure_refined_cameras
+from v3studio.pipelines.stages.training.footage_check import footage_check
+from v3studio.pipelines.stages.training.group import GroupJob, train_group
+from v3studio.pipelines.stages.training.group_scheduler import refuse_too_little_memory, run_groups, sides_at_once
+from v3studio.pipelines.stages.training.plan import TrainPlan
+from v3studio.pipelines.stages.training.progress import Previews, TrainClock, TrainProgress
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.authored.edits import edit_params
 from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.frames.groups import Group

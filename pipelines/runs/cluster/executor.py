@@ -17,9 +17,9 @@ from v3studio.pipelines.events.event_log import LogFollower
 from v3studio.pipelines.runs.cluster.nodes import Nodes, Wanted
 from v3studio.pipelines.runs.cluster.task import NODE_CODES, NOT_VISIBLE, VISIBLE_SECONDS, GroupTask, run_task, versions
 from v3studio.pipelines.stages import Stage
-from v3studio.pipelines.stages.group_scheduler import groups_at_once, memory_of_group, threads_of_groups
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training.group_scheduler import groups_at_once, memory_of_group, threads_of_groups
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.studio.atomic_files import remove
 from v3studio.studio.counts import counted

@@ -12,7 +12,7 @@ from v3studio.pipelines.stages.baking.measures import rendered_contribution
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.digests import digest_of_file
 from v3studio.pipelines.takes.frames.edited import EditedGroup
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, has_key, read_frame, read_tensors, write_tensors

@@ -11,7 +11,7 @@ from tests.support.events import frames_in, stop_when, trains_a_frame
 from tests.support.streams import contents
 from tests.support.tiny_capture import v3studio
 from v3studio.pipelines.events import Log, Metrics, StageStarted
-from v3studio.pipelines.stages import train_group
+from v3studio.pipelines.stages.training import group as train_group
 from v3studio.studio.errors import Cancelled
 
 

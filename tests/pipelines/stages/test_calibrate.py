@@ -11,6 +11,7 @@ from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.runs.runner import status
 from v3studio.pipelines.stages import calibrate
+from v3studio.pipelines.stages.calibrate_plan import frames_to_try
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.known_cameras import focal_lengths, known_cameras
 from v3studio.pipelines.stages.reporter import StageReporter
@@ -99,7 +100,7 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
 
 def test_which_frames() -> None:
     def tried(**settings: int) -> list[list[int]]:
-        return calibrate.frames_to_try(CalibrateSettings(**settings), range(12))
+        return frames_to_try(CalibrateSettings(**settings), range(12))
 
     assert tried() == [[0], [2, 6, 10], [1, 3, 5, 7, 9, 11], list(range(12))]
     assert [tried(frame_count=count) for count in (1, 3, 50)] == [[[0]], [[2, 6, 10]], [list(range(12))]]

@@ -8,12 +8,13 @@ import pytest
 from tests.support.sounds import clicks, write_wav
 from tests.support.streams import contents
 from v3studio.pipelines.config import Config, load_config
-from v3studio.pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, initialize_plan, inputs, params, train_plan
+from v3studio.pipelines.stages import GROUP_STAGES, STAGES, Stage, bake, calibrate_plan, initialize_plan, inputs, params
 from v3studio.pipelines.stages.baking import plan, rungs
 from v3studio.pipelines.stages.baking.plan import BakePlan
 from v3studio.pipelines.stages.baking.publish import publish
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training import plan as train_plan
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.stream.attributes import VERSION
 
@@ -43,7 +44,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], s
         names.update(found)
         return found
 
-    for module in (plan, train_plan, initialize_plan, *(stage.code for stage in STAGES), inputs, rungs):
+    for module in (plan, calibrate_plan, initialize_plan, train_plan, *(stage.code for stage in STAGES), inputs, rungs):
         monkeypatch.setattr(module, "settings_affecting", noted, raising=False)
 
     def during(call: Callable[[], object]) -> set[str]:

@@ -10,7 +10,7 @@ from v3studio.pipelines.config import Config
 from v3studio.pipelines.events import Progress
 from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.stages.reporter import Countdown, StageReporter
-from v3studio.pipelines.stages.train_progress import Kind, TrainClock
+from v3studio.pipelines.stages.training.progress import Kind, TrainClock
 from v3studio.pipelines.takes.frames.groups import Group
 
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from v3studio.pipelines.reports.calibration import write_calibration_page
-from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.camera_fit import check_first_points, ensure_fitted, initial_points
+from v3studio.pipelines.stages.training.plan import TrainPlan
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement
 from v3studio.studio.atomic_files import atomic_path, remove
@@ -21,10 +22,7 @@ from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.own_frame import own_frame
 
 if TYPE_CHECKING:
-    from v3studio.pipelines.stages.train_plan import TrainPlan
     from v3studio.studio.training import Correction, TrainingView
-
-VERSION = 2
 
 
 def ensure_refined_cameras(plan: TrainPlan, reporter: StageReporter, key: str) -> None:

@@ -13,12 +13,12 @@ from pathlib import Path
 from statistics import median_high
 from typing import TYPE_CHECKING
 
-from v3studio.pipelines.stages.camera_fit import initial_points
-from v3studio.pipelines.stages.group_scheduler import run_groups
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.train_progress import WHOLE, Previews, TrainProgress
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.camera_fit import initial_points
+from v3studio.pipelines.stages.training.group_scheduler import run_groups
+from v3studio.pipelines.stages.training.progress import WHOLE, Previews, TrainProgress
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.takes.frames.frame_files import (
     FrameMetadata,

@@ -7,8 +7,8 @@ import pytest
 
 from tests.support.errors import refuses
 from v3studio.pipelines.events.cancellation import Cancellation
-from v3studio.pipelines.stages.footage_check import footage_check
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training.footage_check import footage_check
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.errors import Cancelled
 from v3studio.studio.footage import Footage, open_footage

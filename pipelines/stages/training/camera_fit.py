@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from v3studio.pipelines.events.cancellation import Cancellation
-from v3studio.pipelines.stages.group_scheduler import run_groups
+from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training.group_scheduler import run_groups
+from v3studio.pipelines.stages.training.plan import TrainPlan
 from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.pipelines.takes.results.point_files import read_points
@@ -18,9 +20,6 @@ from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from v3studio.pipelines.stages.reporter import StageReporter
-    from v3studio.pipelines.stages.train_plan import TrainPlan
 
 
 def initial_points(take: Take, group: Group, device: str) -> tuple[Tensor, Tensor]:

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from v3studio.pipelines.stages.camera_fit import check_first_points, ensure_fitted, initial_points
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.camera_fit import check_first_points, ensure_fitted, initial_points
+from v3studio.pipelines.stages.training.plan import TrainPlan
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.results.stage_files import CameraColors
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message
-
-if TYPE_CHECKING:
-    from v3studio.pipelines.stages.train_plan import TrainPlan
-
-VERSION = 1
 
 _LARGE = 13.0  # levels of 255 from the mean camera from which on a camera is named in the log
 

@@ -11,7 +11,7 @@ from tests.support.tiny_capture import settings_in
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.authored.edits import change_edits
 from v3studio.pipelines.takes.frames.frame_files import read_about
 from v3studio.pipelines.takes.take import Take

@@ -9,7 +9,7 @@ from tests.support.errors import refuses
 from tests.support.events import frames_in
 from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.events.cancellation import Cancellation
-from v3studio.pipelines.stages import group_scheduler
+from v3studio.pipelines.stages.training import group_scheduler
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 

@@ -11,11 +11,11 @@ from tests.support.events import warnings_in
 from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.events import Event, Warned
 from v3studio.pipelines.runs.runner import status
-from v3studio.pipelines.stages.camera_colors import ensure_camera_colors
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
-from v3studio.pipelines.stages.train_plan import TrainPlan
-from v3studio.pipelines.stages.training_views import ViewReader
+from v3studio.pipelines.stages.training.camera_colors import ensure_camera_colors
+from v3studio.pipelines.stages.training.plan import TrainPlan
+from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.json_files import read_json
 from v3studio.pipelines.takes.take import Take
 

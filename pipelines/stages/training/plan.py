@@ -8,11 +8,11 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from v3studio.pipelines.stages import camera_colors, camera_refinement, stage_named
-from v3studio.pipelines.stages.group_scheduler import groups_at_once, threads_of_groups
+from v3studio.pipelines.stages import stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import key_of, settings_affecting
-from v3studio.pipelines.stages.training_views import details_at
+from v3studio.pipelines.stages.training.group_scheduler import groups_at_once, threads_of_groups
+from v3studio.pipelines.stages.training.views import details_at
 from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.frames.frame_files import has_key
 from v3studio.pipelines.takes.frames.groups import Group
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from v3studio.studio.training.settings import TrainSettings
 
 STAGE = stage_named("train")
+
+_COLORS_VERSION, _REFINEMENT_VERSION = 1, 2  # raised whenever what is fitted to the cameras changes
 
 
 def refines_cameras(take: Take, settings: TrainSettings) -> bool:
@@ -88,7 +90,7 @@ class TrainPlan:
         """Digest of what the colors of the cameras are fitted from; None: they are not wanted."""
         if self.settings.camera_colors is None:
             return None
-        return self._fit_key("camera colors", camera_colors.VERSION)
+        return self._fit_key("camera colors", _COLORS_VERSION)
 
     @cached_property
     def refinement_key(self) -> str | None:
@@ -96,7 +98,7 @@ class TrainPlan:
         if not self.refines:
             return None
         colors = [] if self.colors_key is None else [self.colors_key]
-        return self._fit_key("camera refinement", camera_refinement.VERSION, *colors)
+        return self._fit_key("camera refinement", _REFINEMENT_VERSION, *colors)
 
     def _fit_key(self, what: str, version: int, *more: str) -> str:
         first = self.groups[0]
