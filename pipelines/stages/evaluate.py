@@ -124,9 +124,6 @@ class EvaluatePlan:
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
     """Decode, render and compare; write evaluation.json and report.html."""
     plan = EvaluatePlan(inputs)
-    lpips = plan.lpips(None if executor is None else "cpu")
-    if lpips is not None and lpips.remark:
-        reporter.warn(lpips.remark)
     if not plan.held_out:
         problem = (
             f"{_why_none(plan.footage)}, so training cameras are measured: this shows how well the footage is "
@@ -136,6 +133,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         reporter.warn(Message("evaluation.no_held_out", problem, fix=fix, fields={"setting": "capture.held_out"}))
     if executor is not None:
         executor.run(STAGE, inputs, plan.groups, reporter)
+    lpips = plan.lpips(None if executor is None else "cpu")
+    if lpips is not None and lpips.remark:
+        reporter.warn(lpips.remark)
     with _reader(plan) as reader:
         measured = [_measured(plan, group, reporter, reader) for group in plan.groups]
         stream_bytes, frame_bytes = reader.played_bytes, reader.played_bytes / reader.frame_count
