@@ -81,9 +81,10 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 class EvaluatePlan:
     """What is measured: the cameras, the frames of the stream, the groups that have them, and the key of each group's
-    results. `key`: digest of everything that the results are made from, but the group."""
+    results. `here`: on this machine, which may lack the device of the run otherwise."""
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(self, inputs: Inputs, here: bool = True) -> None:
+        self.here = here
         self.inputs, self.take, self.config = inputs, inputs.take, inputs.config
         self.edits, self.all_groups = inputs.edits, inputs.groups
         self.baked = baked_frames(inputs)
@@ -112,9 +113,10 @@ class EvaluatePlan:
             return measured if measured.key == self.key_of(group) else None
         return None
 
-    def lpips(self, device: str | None = None) -> Lpips | None:
-        """The LPIPS metric, on the device of the run unless another is named."""
-        return lpips_of(self.config, device or self.inputs.device)
+    @cached_property
+    def lpips(self) -> Lpips | None:
+        """The LPIPS metric, if it is measured. Raises StudioError: its weights or the GPU are missing."""
+        return lpips_of(self.config, self.inputs.device if self.here else "cpu")
 
     def view(self, camera: str, frame: int) -> ComparedView | None:
         """A view of a frame, by its number in the footage; None if the camera does not see the performer."""
@@ -123,7 +125,9 @@ class EvaluatePlan:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
     """Decode, render and compare; write evaluation.json and report.html."""
-    plan = EvaluatePlan(inputs)
+    plan = EvaluatePlan(inputs, here=executor is None)
+    if plan.lpips is not None and plan.lpips.remark:
+        reporter.warn(plan.lpips.remark)
     if not plan.held_out:
         problem = (
             f"{_why_none(plan.footage)}, so training cameras are measured: this shows how well the footage is "
@@ -133,9 +137,6 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         reporter.warn(Message("evaluation.no_held_out", problem, fix=fix, fields={"setting": "capture.held_out"}))
     if executor is not None:
         executor.run(STAGE, inputs, plan.groups, reporter)
-    lpips = plan.lpips(None if executor is None else "cpu")
-    if lpips is not None and lpips.remark:
-        reporter.warn(lpips.remark)
     with _reader(plan) as reader:
         measured = [_measured(plan, group, reporter, reader) for group in plan.groups]
         stream_bytes, frame_bytes = reader.played_bytes, reader.played_bytes / reader.frame_count
@@ -152,7 +153,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     seen = {name: [row.cameras[name] for row in rows if name in row.cameras] for name in plan.cameras}
     evaluation = Evaluation(
         summary=summary,
-        protocol=_protocol(plan, lpips, stream_bytes),
+        protocol=_protocol(plan, stream_bytes),
         cameras={name: Quality(**_means(qualities)) for name, qualities in seen.items() if qualities},
         frames=rows,
     )
@@ -193,7 +194,7 @@ def _tell_unseen(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter
         reporter.warn(Message("evaluation.not_visible", problem, fields={"camera": camera, "frame": frame}))
 
 
-def _protocol(plan: EvaluatePlan, lpips: Lpips | None, stream_bytes: int) -> Protocol:
+def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
     """How it was measured."""
     footage, settings = plan.footage, plan.config.evaluate
     return Protocol(
@@ -208,7 +209,7 @@ def _protocol(plan: EvaluatePlan, lpips: Lpips | None, stream_bytes: int) -> Pro
         frames=tuple(int(footage.frames[index]) for index in plan.baked),
         mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
         ssim="11x11 Gaussian window, sigma 1.5",
-        **({} if lpips is None else {"lpips": lpips.protocol}),
+        **({} if plan.lpips is None else {"lpips": plan.lpips.protocol}),
         total_bytes=stream_bytes,
         total_bytes_are="all files that playing the best rendition takes, and the manifest",
         bytes_of_a_frame="files of its group, divided by the frames in the group",
@@ -284,7 +285,7 @@ def _measure(
     rows: list[FrameQuality] = []
     unseen: list[tuple[int, str]] = []
     samples: list[dict[str, str]] = []
-    baked, cameras, lpips = plan.baked, plan.cameras, plan.lpips()
+    baked, cameras = plan.baked, plan.cameras
     sizes = {
         frame: entry.bytes / entry.frame_count
         for entry in reader.groups
@@ -310,7 +311,7 @@ def _measure(
                 continue
             pairs = {"trained": view.pair(trained), "decoded": view.pair(decoded)}
             residuals[camera] = pairs["decoded"].residual
-            figures = {what: measure(pair, lpips) for what, pair in pairs.items()}
+            figures = {what: measure(pair, plan.lpips) for what, pair in pairs.items()}
             views[camera] = Quality(
                 **{f"{name}_{what}": value for what, values in figures.items() for name, value in values.items()}
             )
