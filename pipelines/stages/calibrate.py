@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -81,9 +81,17 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> C
     else:
         rig, report = _from_footage(plan, reporter)
     _write(plan, rig, report)
-    figures = _tell(report, reporter)
+    _tell(report, reporter)
     reporter.progress(1.0, "done")
-    return CalibrateSummary(cameras=len(rig), source=report.source or "", **figures)
+    summary = CalibrateSummary(cameras=len(rig), source=report.source or "")
+    if not isinstance(report, CalibrationReport):
+        return summary
+    figures = {
+        "mean_error_px": report.reprojection.mean,
+        "grade": None if report.verdict is None else report.verdict.grade,
+        "match_inlier_ratio": report.match_inlier_ratio,
+    }
+    return summary.model_copy(update={name: figure for name, figure in figures.items() if figure is not None})
 
 
 def _write(plan: CalibratePlan, rig: Rig, report: CamerasReport) -> None:
@@ -100,24 +108,19 @@ def _write(plan: CalibratePlan, rig: Rig, report: CamerasReport) -> None:
     plan.inputs.forget_cameras()
 
 
-def _tell(report: CamerasReport, reporter: StageReporter) -> dict[str, Any]:
-    """Report how the cameras were found; the figures of the stage's summary."""
+def _tell(report: CamerasReport, reporter: StageReporter) -> None:
+    """Report how the cameras were found, and how good they are."""
     if not isinstance(report, CalibrationReport):
         for note in report.notes:
             reporter.log(note)
-        return {}
+        return
     reporter.metrics(calibration_figures(report))
     for sentence in intrinsics_sentences(report):
         reporter.log(sentence)
     for warning in calibration_warnings(report):
         reporter.warn(warning)
-    figures: dict[str, Any] = {"mean_error_px": report.reprojection.mean}
     if report.verdict is not None:
-        figures["grade"] = report.verdict.grade
         reporter.log(f"cameras: {report.verdict.grade}. {report.verdict.reason}")
-    if report.match_inlier_ratio is not None:
-        figures["match_inlier_ratio"] = report.match_inlier_ratio
-    return figures
 
 
 def _from_file(plan: CalibratePlan, path: Path) -> tuple[Rig, CamerasFromFile]:
