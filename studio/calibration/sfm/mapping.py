@@ -133,14 +133,14 @@ class Mapper:
         better = pycolmap.Reconstruction(model)
         for number in range(_POLISHINGS):
             width = _CAUCHY * noise(better)
-            self._adjust(better, width)
+            self.adjust(better, width)
             say(step="adjusting", done=number + 1, total=total)
         if len(self.broken_intrinsics(better)) > len(self.broken_intrinsics(model)):
             better = model
         if self.job.find_shared:
 
             def adjust(other: Any) -> None:
-                self._adjust(other, width)
+                self.adjust(other, width)
 
             if joint:
                 own = {image: self.job.intrinsics_of[image - 1] + 1 for image in camera_of_image(better)}
@@ -148,7 +148,7 @@ class Mapper:
             else:
                 better, self.sharing = try_shared_intrinsics(better, self.free_cameras(), width, adjust)
         say(step="adjusting", done=total - 1, total=total)
-        return self._matched_again(self._stretched(self.placed_again(self._recentered(self._enriched(better)))))
+        return self.matched_again(self._stretched(self.placed_again(self._recentered(self._enriched(better)))))
 
     def _enriched(self, model: Any) -> Any:
         """The model with the full camera models, and with the additional points that then fit."""
@@ -157,10 +157,10 @@ class Mapper:
         if not richer:
             return model
         model = with_richer_intrinsics(model, richer)
-        self._adjust(model)
+        self.adjust(model)
         model = self._completed(model)
         for _ in range(_POLISHINGS):
-            self._adjust(model)
+            self.adjust(model)
         return model
 
     def _recentered(self, model: Any) -> Any:
@@ -173,7 +173,7 @@ class Mapper:
         width = _CAUCHY * noise(model)
         free = pycolmap.Reconstruction(model)
         for _ in range(_POLISHINGS):
-            self._adjust(free, width, centers=True)
+            self.adjust(free, width, centers=True)
         self.recentered = misfit_growth(model, free, width, 2 * len(free.cameras)) >= LIMIT
         return free if self.recentered else model
 
@@ -182,7 +182,7 @@ class Mapper:
         if self.job.poses or any(intrinsics.becomes not in _ONE_FOCAL_LENGTH for intrinsics in self.job.intrinsics):
             return model
         width = _CAUCHY * noise(model)
-        ratio, growth = pixel_aspect(model, width, lambda other: self._adjust(other, width, keep=True))
+        ratio, growth = pixel_aspect(model, width, lambda other: self.adjust(other, width, keep=True))
         if growth < ASPECT_LIMIT:
             return model
         self.aspect = ratio
@@ -191,14 +191,14 @@ class Mapper:
                 stretched_keypoints(database, ratio)
         model = stretched(model, ratio)
         for _ in range(_POLISHINGS):
-            self._adjust(model)
+            self.adjust(model)
         return model
 
-    def _matched_again(self, model: Any) -> Any:
+    def matched_again(self, model: Any) -> Any:
         """The model with cameras from matches along its epipolar lines, if the first matches agree with them as well.
 
-        Only if a camera is weak, since it takes as long as mapping. The points remain those of the first matches.
-        """
+        It happens only if a camera is weak, since it takes as long as mapping. The points remain those of the first
+        matches. """
         first = self.database
         if self.job.poses or not self.sync_frames.exists():
             return model
@@ -214,7 +214,7 @@ class Mapper:
                 for _ in range(_POLISHINGS):
                     for key in [k for k, point in better.points3D.items() if point.track.length() < _AGREEING]:
                         better.delete_point3D(key)
-                    self._adjust(better)
+                    self.adjust(better)
         finally:
             self.database.unlink(missing_ok=True)
             self.database = first
@@ -428,7 +428,7 @@ class Mapper:
         say(step="mapping", done=rounds, total=rounds)
         return model
 
-    def _adjust(self, model: Any, width: float | None = None, centers: bool = False, keep: bool = False) -> None:
+    def adjust(self, model: Any, width: float | None = None, centers: bool = False, keep: bool = False) -> None:
         """Adjust under a robust loss whose width follows from the noise, if it is not given."""
         width = width or _CAUCHY * noise(model)
         adjust(model, self.job, width=width, centers=centers or self.recentered, keep=keep)

@@ -46,7 +46,7 @@ FEWEST_CAMERAS = 6
 """Fewer cannot outvote one."""
 _WORK_SIDE, _COARSE_SIDE = 640, 320
 """Longest side of the images at which cameras are compared, and where the set is estimated again."""
-_SET_FRAMES, _SET_PASSES = 5, 2
+SET_FRAMES, _SET_PASSES = 5, 2
 """Frames outside of whose masks the set is estimated again, and how often."""
 _NEIGHBORS = (-8, -4, 4, 8)
 """Frames in which motion is searched, relative to a frame."""
@@ -88,7 +88,7 @@ class AgreedMaskSource(MaskSource):
     ) -> None:
         self._inputs, self._cameras, self._plates, self._model, self._recipes = inputs, cameras, plates, model, recipes
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
-        self._set_frames = evenly_spaced(common, _SET_FRAMES)
+        self._set_frames = evenly_spaced(common, SET_FRAMES)
         self._estimated = estimated and bool(common)
         self._voters = frozenset(inputs.names) - frozenset(inputs.held_out)
         self._small: MemoryCache[tuple[str, int, int], np.ndarray] = MemoryCache(

@@ -17,7 +17,7 @@ _LIMIT = 2.0
 """Log-odds of one camera's vote are clipped to this."""
 _REACH = 0.85
 """Half of the volume's side, in mean distances of the cameras from the point at which they look."""
-_CELLS = 48
+CELLS = 48
 """Cells along each side at first."""
 _PIXELS = 4.0
 """Cells are split until they cover about so many pixels."""
@@ -42,10 +42,10 @@ def heard(
     rig = Rig(tuple(cameras[name] for name in voting))
     distance = float(np.linalg.norm(rig.centers - rig.focus, axis=1).mean())
     half = _REACH * distance
-    size = 2 * half / _CELLS
+    size = 2 * half / CELLS
     focal = float(np.median([camera.fx for camera in rig]))
     splits = int(np.clip(np.round(np.log2(size * focal / distance / _PIXELS)), 0, 4))
-    steps = (np.arange(_CELLS) + 0.5) * size - half
+    steps = (np.arange(CELLS) + 0.5) * size - half
     points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3) + rig.focus
     points = points.astype(np.float32)
     for level in range(splits + 1):

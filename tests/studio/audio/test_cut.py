@@ -1,22 +1,24 @@
 """Cutting a sound to frames: a click stays at its time, whatever the file, its rate and where the take begins."""
 
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
 
 from tests.support.errors import refuses
 from tests.support.sounds import click_times, clicks, write_wav
-from v3studio.studio.audio import SAMPLE_RATE, SoundFile, cut_sound, encode_sound
+from v3studio.studio.audio import SAMPLE_RATE, Cut, SoundFile, cut_sound, encode_sound
 
 
-def read(cut):
+def read(cut: Cut) -> np.ndarray:
     samples = np.concatenate(list(cut.blocks()))
     assert samples.shape == (cut.samples, cut.channels)
     return samples
 
 
 @pytest.mark.parametrize(("rate", "channels"), [(48_000, 1), (44_100, 2), (8_000, 1)])
-def test_clicks_stay_at_their_times(tmp_path, rate, channels):
+def test_clicks_stay_at_their_times(tmp_path: Path, rate: int, channels: int) -> None:
     file = SoundFile(write_wav(tmp_path / "a.wav", clicks(3.0, [0.5, 1.25, 2.5], rate, channels), rate))
     assert file.channels == channels
     assert file.duration == pytest.approx(3.0)
@@ -25,7 +27,7 @@ def test_clicks_stay_at_their_times(tmp_path, rate, channels):
     assert cut.missing_before == cut.missing_after == 0
 
 
-def test_what_is_missing_is_silent(tmp_path):
+def test_what_is_missing_is_silent(tmp_path: Path) -> None:
     file = SoundFile(write_wav(tmp_path / "a.wav", clicks(1.0, [0.25])))
     cut = cut_sound(file, -0.5, 2.0)
     samples = read(cut)
@@ -35,14 +37,14 @@ def test_what_is_missing_is_silent(tmp_path):
     assert (cut.missing_before, cut.missing_after) == pytest.approx((0.5, 0.5))
 
 
-def test_a_sound_outside_of_the_take_is_refused(tmp_path):
+def test_a_sound_outside_of_the_take_is_refused(tmp_path: Path) -> None:
     file = SoundFile(write_wav(tmp_path / "a.wav", clicks(1.0, [])))
     for start in (1.0, 500.0, -2.0):
         with refuses("audio.outside", file=tmp_path / "a.wav", setting="capture.audio_offset"):
             read(cut_sound(file, start, 2.0))
 
 
-def test_files_that_are_not_sounds(tmp_path):
+def test_files_that_are_not_sounds(tmp_path: Path) -> None:
     (tmp_path / "a.wav").write_text("not a sound")
     with refuses("audio.unreadable", file=tmp_path / "a.wav"):
         SoundFile(tmp_path / "a.wav")
@@ -55,7 +57,7 @@ def test_files_that_are_not_sounds(tmp_path):
         SoundFile(unknown)
 
 
-def test_encoding_is_exact_in_time_and_reproducible(tmp_path):
+def test_encoding_is_exact_in_time_and_reproducible(tmp_path: Path) -> None:
     sound = clicks(1.2345, [0.0, 0.7, 1.2], channels=2)
     for name in ("a.m4a", "b.m4a"):
         blocks = np.array_split(sound, 7)
@@ -69,7 +71,7 @@ def test_encoding_is_exact_in_time_and_reproducible(tmp_path):
     assert np.abs(found[: len(sound)] - sound).max() < 0.2
 
 
-def test_a_playlist_with_the_name_of_a_sound_is_refused(tmp_path):
+def test_a_playlist_with_the_name_of_a_sound_is_refused(tmp_path: Path) -> None:
     write_wav(tmp_path / "real.wav", clicks(0.2, []))
     trap = tmp_path / "sound.wav"
     trap.write_text("ffconcat version 1.0\nfile real.wav\n")
@@ -77,7 +79,7 @@ def test_a_playlist_with_the_name_of_a_sound_is_refused(tmp_path):
         SoundFile(trap)
 
 
-def test_samples_that_are_not_numbers_are_silent(tmp_path):
+def test_samples_that_are_not_numbers_are_silent(tmp_path: Path) -> None:
     samples = clicks(0.2, [0.1]).T.copy()
     samples[:, 100:200] = np.nan
     path = tmp_path / "nan.wav"

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -146,7 +147,9 @@ MEANING = {
 @pytest.mark.parametrize("form", FORMS)
 @given(data=st.data())
 @settings(max_examples=12, deadline=None)
-def test_changed_keys_give_the_same_cameras_or_are_named(tmp_path_factory, form, data) -> None:
+def test_changed_keys_give_the_same_cameras_or_are_named(
+    tmp_path_factory: pytest.TempPathFactory, form: str, data: st.DataObject
+) -> None:
     make, corner = FORMS[form]
     words = st.from_regex("[a-z_][a-z_0-9]{0,7}", fullmatch=True) | st.sampled_from(["D", "R", "size", "k1", "w2c"])
     way, word = data.draw(st.sampled_from(["rename", "add", "drop"])), data.draw(words)
@@ -202,7 +205,9 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
         ("transforms", "camera.conflict", [{"dist": [0.1, 0, 0, 0]}]),
     ],
 )  # fmt: skip
-def test_other_lenses_units_and_contradictions_are_refused(tmp_path, form, code, changes) -> None:
+def test_other_lenses_units_and_contradictions_are_refused(
+    tmp_path: Path, form: str, code: str, changes: list[dict[str, Any]]
+) -> None:
     for change in changes:
         path = FORMS[form][0](tmp_path, lambda values, change=change: {**values, **change})
         with refuses(code, file=path, camera="cam0"):

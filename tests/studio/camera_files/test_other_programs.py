@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -415,7 +416,9 @@ TOML, YML, CSV = written("Calib.toml", BENT), written("intri.yml", BENT), writte
         (realityscan_file, "0.0,0,0\n", "0.0,0.1,0\n", "camera.lens_model", {"value": [0.1, 0.0]}),
     ],
 )  # fmt: skip
-def test_broken_files_name_file_camera_and_value(tmp_path, make, old, new, code, fields) -> None:
+def test_broken_files_name_file_camera_and_value(
+    tmp_path: Path, make: Callable[[Path], Path], old: str, new: str, code: str, fields: dict[str, Any]
+) -> None:
     path = make(tmp_path)
     text = path.read_text()
     assert old in text

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,9 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, name: s
         ("distortion", ["0.1", "y", 0, 0], "camera.not_a_number", "y", "[1]"),
     ],
 )
-def test_rig_json_names_the_value(tmp_path, key, value, code, found, index) -> None:
+def test_rig_json_names_the_value(
+    tmp_path: Path, key: str, value: Any, code: str, found: Any, index: str | None
+) -> None:
     path = tmp_path / "rig.json"
     write_rig(BENT, path)
     values = json.loads(path.read_text())

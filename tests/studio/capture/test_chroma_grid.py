@@ -1,5 +1,7 @@
 """The chroma grid that is read from a video's own stream."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,14 @@ GRAY = np.full((64, 96, 3), 128, np.uint8)
         ("bgr0", None, "ffv1", None, None),
     ],
 )
-def test_subsampling_and_siting(pixel_format, siting, codec, step, first, tmp_path) -> None:
+def test_subsampling_and_siting(
+    pixel_format: str,
+    siting: str | None,
+    codec: str,
+    step: tuple[int, int] | None,
+    first: tuple[float, float] | None,
+    tmp_path: Path,
+) -> None:
     write_yuv(tmp_path / "a.mkv", GRAY, pixel_format, siting, codec)
     reader = VideoReader(tmp_path / "a.mkv")
     found = reader.chroma

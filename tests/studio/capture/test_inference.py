@@ -68,7 +68,9 @@ def test_grids_are_found(tmp_path: Path, name: Callable[[str, int], str], patter
     start=st.integers(0, 500),
 )
 @settings(max_examples=150, deadline=None)
-def test_names_of_both_kinds_in_any_order(camera, frame, between, frame_first, prefix, cameras, frames, start) -> None:
+def test_names_of_both_kinds_in_any_order(
+    camera: str, frame: str, between: str, frame_first: bool, prefix: str, cameras: int, frames: int, start: int
+) -> None:
     assume(camera != "{}" or frame.startswith(("frame", "img")))  # two numbers alone say too little
     assume(not (frame_first and between == "_rgb_"))
     truth = {}

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,7 +34,9 @@ def write_cameras(path: Path, *names: str) -> None:
     write_rig(Rig(tuple(Camera(name, WIDTH, HEIGHT, ours, POSE) for name in names)), path)
 
 
-def write_images(make, images: Path, masks: Path | None, *names: str, frames: int = 2, mask: np.ndarray = MASK) -> None:
+def write_images(
+    make: SimpleNamespace, images: Path, masks: Path | None, *names: str, frames: int = 2, mask: np.ndarray = MASK
+) -> None:
     """Images, and masks if any, at paths with {c} and {f}."""
     for c in names:
         for f in range(frames):
@@ -162,7 +165,15 @@ def folder_per_frame(root: Path, make: SimpleNamespace) -> None:
     ],
 )
 @pytest.mark.parametrize("level", [0, 1])
-def test_data_sets_are_found_without_settings(tmp_path, make, build, pattern, masks, cameras, level) -> None:
+def test_data_sets_are_found_without_settings(
+    tmp_path: Path,
+    make: SimpleNamespace,
+    build: Callable[[Path, SimpleNamespace], object],
+    pattern: str,
+    masks: str,
+    cameras: tuple[str, ...] | None,
+    level: int,
+) -> None:
     """Also if the capture's folder is set one level too high."""
     inner = tmp_path / "take" if level else tmp_path
     inner.mkdir(exist_ok=True)

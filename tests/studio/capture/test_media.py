@@ -12,12 +12,14 @@ from v3studio.studio.audio.sound_file import SoundFile
 from v3studio.studio.capture.timecode import read_timecode
 from v3studio.studio.capture.video import VideoReader
 
+Streams = list[tuple[tuple[int, int], int, Disposition]]
+
 FILM = (96, 64)
 PREVIEW = ((48, 32), 12, Disposition(0))
 COVER = ((256, 256), 1, Disposition.attached_pic)
 
 
-def write_streams(path, make, streams, start=0) -> Path:
+def write_streams(path: Path, make: SimpleNamespace, streams: Streams, start: int = 0) -> Path:
     """Streams of a size, a number of frames (1: JPEG) and a disposition; frame k of the largest shows number k."""
     with av.open(str(path), "w") as container:
         made = []
@@ -51,7 +53,9 @@ def write_streams(path, make, streams, start=0) -> Path:
     ("others", "film_first"),
     [([PREVIEW], True), ([PREVIEW], False), ([COVER], True), ([COVER], False), ([COVER, PREVIEW], False)],
 )
-def test_footage_is_neither_cover_art_nor_a_preview(tmp_path, make, extension, others, film_first) -> None:
+def test_footage_is_neither_cover_art_nor_a_preview(
+    tmp_path: Path, make: SimpleNamespace, extension: str, others: Streams, film_first: bool
+) -> None:
     film = [(FILM, 12, Disposition(0))]
     path = write_streams(tmp_path / f"a.{extension}", make, film + others if film_first else others + film)
     reader = VideoReader(path)

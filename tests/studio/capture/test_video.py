@@ -24,7 +24,9 @@ NOISE = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), dtype=np.uint
         ("stream.h264", "libx264", {"bf": "3", "g": "10", "crf": "20"}),
     ],
 )
-def test_frames_are_exact_in_any_order(tmp_path, make, name, codec, options) -> None:
+def test_frames_are_exact_in_any_order(
+    tmp_path: Path, make: SimpleNamespace, name: str, codec: str, options: dict[str, str]
+) -> None:
     path = make.video(tmp_path / name, [make.numbered(index) for index in range(60)], codec=codec, options=options)
     reader = VideoReader(path)
     assert reader.frame_count == 60
@@ -180,7 +182,9 @@ def test_ten_bits_and_prores(tmp_path: Path, make: SimpleNamespace, name: str, c
     ],
 )
 @pytest.mark.parametrize("pixels", ["yuv420p", "gray"])
-def test_videos_are_turned_and_stretched_for_display(tmp_path, make, shape, rotation, size, pixels) -> None:
+def test_videos_are_turned_and_stretched_for_display(
+    tmp_path: Path, make: SimpleNamespace, shape: Fraction, rotation: int, size: tuple[int, int], pixels: str
+) -> None:
     image = np.zeros((64, 96, 3), np.uint8)
     image[32:, 48:] = 255  # the lower right quarter
     path = make.video(tmp_path / "wide.mov", [image] * 2, rotation=rotation, shape=shape, pixels=pixels)

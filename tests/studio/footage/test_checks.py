@@ -24,7 +24,7 @@ def seen(gains: dict[int, tuple[float, float, float]], moving: bool = True) -> C
     return drift
 
 
-def test_a_steady_camera_is_not_reported():
+def test_a_steady_camera_is_not_reported() -> None:
     assert seen({}).messages() == []
     assert seen({15: (1.01, 1.01, 0.99)}).messages() == []
 
@@ -32,7 +32,7 @@ def test_a_steady_camera_is_not_reported():
 @pytest.mark.parametrize(
     ("gain", "said", "change"), [((1.08, 1.08, 1.08), "brightness", 0.08), ((1.0, 1.0, 0.9), "blue", 0.1)]
 )
-def test_the_change_is_told_with_its_frames(gain, said, change):
+def test_the_change_is_told_with_its_frames(gain: tuple[float, float, float], said: str, change: float) -> None:
     (message,) = seen(dict.fromkeys((14, 15, 20), gain)).messages()
     assert message.code == "footage.color_drift"
     assert message.fields["frames"] == (14, 15, 20)

@@ -81,7 +81,9 @@ def centroid(image: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_undistorted_pixels_are_where_the_pinhole_camera_projects(tmp_path, make, scale) -> None:
+def test_undistorted_pixels_are_where_the_pinhole_camera_projects(
+    tmp_path: Path, make: SimpleNamespace, scale: float
+) -> None:
     """Dots drawn at distorted projections must end up at the pinhole projections, within a fraction of a pixel."""
     distortion = np.array([-0.25, 0.08, 0.002, -0.003, 0.01])
     K = np.array([[300.0, 0, 172.3], [0, 296.0, 113.8], [0, 0, 1]])
@@ -169,7 +171,9 @@ def test_held_out_cameras(three_videos: Path) -> None:
         open_footage(CaptureSettings(root=three_videos, held_out=("cam1", "cam2", "cam10")))
 
 
-def test_many_threads_read_the_right_frames(three_videos, make, monkeypatch) -> None:
+def test_many_threads_read_the_right_frames(
+    three_videos: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With fewer decoders than cameras: they open and close while threads read."""
     monkeypatch.setattr(sys.modules["v3studio.studio.footage.open_footage"], "decoder_limit", lambda width, height: 2)
     footage = open_footage(CaptureSettings(root=three_videos, masks="none"), most_cached=5 * 64 * 96 * 3)

@@ -1,5 +1,8 @@
 """Which file has a capture's sound, and what of it belongs to the take's frames."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -12,7 +15,7 @@ FPS = 25
 
 
 @pytest.fixture(scope="module")
-def videos(tmp_path_factory):
+def videos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """cam1 with sound (a click in frame 20), cam2 without, and take.wav with clicks in frames 10 and 30."""
     root = tmp_path_factory.mktemp("capture")
     (root / "videos").mkdir()
@@ -22,8 +25,8 @@ def videos(tmp_path_factory):
     return root
 
 
-def heard(root, **settings):
-    """Times of clicks in the take, in frames, and the footage."""
+def heard(root: Path, **settings: Any) -> list[float]:
+    """Times of clicks in the take, in frames."""
     footage = open_footage(CaptureSettings(root=root, masks="none", rig=None, **settings))
     cut = footage.sound.cut(footage.frames, footage.spec.frame_range[2])
     samples = np.concatenate(list(cut.blocks()))
@@ -31,7 +34,7 @@ def heard(root, **settings):
     return [time * footage.fps for time in click_times(samples)]
 
 
-def test_a_file_is_cut_to_the_frames(videos):
+def test_a_file_is_cut_to_the_frames(videos: Path) -> None:
     close = {"abs": 0.03}
     assert heard(videos, audio="take.wav") == pytest.approx([10, 30], **close)
     assert heard(videos, audio="take.wav", frames="5:25") == pytest.approx([5], **close)
@@ -42,13 +45,13 @@ def test_a_file_is_cut_to_the_frames(videos):
     assert heard(videos, audio=str(videos / "take.wav")) == pytest.approx([10, 30], **close)
 
 
-def test_the_sound_of_a_camera_moves_with_its_frames(videos):
+def test_the_sound_of_a_camera_moves_with_its_frames(videos: Path) -> None:
     assert heard(videos, audio="cam1") == pytest.approx([20], abs=0.03)
     assert heard(videos, audio="cam1", offsets={"cam1": 3}) == pytest.approx([17], abs=0.03)
     assert heard(videos, audio="cam1", offsets={"cam2": 3}) == pytest.approx([20], abs=0.03)
 
 
-def test_what_has_no_sound(videos, image_folders):
+def test_what_has_no_sound(videos: Path, image_folders: Path) -> None:
     for root, audio, code in (
         (videos, "cam3", "audio.not_found"),
         (videos, "cam2", "audio.no_sound"),

@@ -3,6 +3,7 @@
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,7 +33,9 @@ def put(object_store: ObjectStore, key: str, data: bytes) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"movflags": "+faststart"}], ids=["index_at_end", "index_at_start"])
-def test_only_the_needed_gops_of_a_video_are_fetched(object_store, tmp_path, small_blocks, make, options) -> None:
+def test_only_the_needed_gops_of_a_video_are_fetched(
+    object_store: ObjectStore, tmp_path: Path, small_blocks: None, make: SimpleNamespace, options: dict[str, str]
+) -> None:
     noise = np.random.default_rng(3).integers(0, 255, (240, 64, 96, 3), dtype=np.uint8)  # frames of kilobytes
     local = tmp_path / "day1" / "videos" / "cam0.mp4"
     make.video(local, noise, options={"g": "8", "bf": "2"}, container_options=options)  # GOPs of 8 frames
@@ -70,7 +73,9 @@ def test_requests_that_fail_or_end_early_are_repeated(object_store: ObjectStore,
     assert object_store.fetched_twice("day1") == []
 
 
-def test_the_cache_keeps_what_was_used_last(object_store, tmp_path, monkeypatch) -> None:
+def test_the_cache_keeps_what_was_used_last(
+    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for number in range(4):
         put(object_store, f"cam{number}.mp4", bytes([number + 1]) * 40_000)
     monkeypatch.setenv("V3STUDIO_CACHE_GIGABYTES", "100_000e-9")
@@ -112,7 +117,9 @@ def test_a_changed_object_is_fetched_again_and_a_deleted_one_is_gone(object_stor
     assert again.frames_of("cam0") == (0,)
 
 
-def test_each_bad_case_is_one_sentence_without_credentials(object_store, tmp_path, monkeypatch) -> None:
+def test_each_bad_case_is_one_sentence_without_credentials(
+    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refused(address: str) -> StudioError:
         s3fs.S3FileSystem.clear_instance_cache()
         with pytest.raises(StudioError) as caught:

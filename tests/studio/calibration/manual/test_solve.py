@@ -40,7 +40,9 @@ def ring(count: int, focal: float = 1600.0, k1: float = -0.05) -> Rig:
     return Rig(tuple(cameras))
 
 
-def marked(rig, count, noise=0.5, *, flat=False, seen=1.0, measured=0) -> list[TiePoint]:
+def marked(
+    rig: Rig, count: int, noise: float = 0.5, *, flat: bool = False, seen: float = 1.0, measured: int = 0
+) -> list[TiePoint]:
     """Points on the stage, with noisy marks."""
     rng = np.random.default_rng(7)
     points3d = rng.uniform([-1, -1, 0], [1, 1, 0.01 if flat else 1.6], (count, 3))

@@ -84,15 +84,15 @@ def test_a_weak_camera_is_moved_by_new_matches(tmp_path: Path, rig: Any, monkeyp
     frame.rig_from_world = away * frame.rig_from_world
     camera.params = [1.01 * camera.params[0], *camera.params[1:]]
     monkeypatch.setattr(mapping, "WEAK", 0.0)
-    adjust = solver._adjust
+    adjust = solver.adjust
     lengths: list[int] = []
 
     def counted(model: Any, **options: Any) -> None:
         lengths.extend(point.track.length() for point in model.points3D.values())
         adjust(model, **options)
 
-    monkeypatch.setattr(solver, "_adjust", counted)
-    again = solver._matched_again(model)
+    monkeypatch.setattr(solver, "adjust", counted)
+    again = solver.matched_again(model)
     before, after = (compare_rigs(rig_of(one), rig_of(truth)) for one in (model, again))
     assert after.center_percent < 0.5 < before.center_percent
     assert min(lengths) == 3

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import combinations
@@ -34,7 +35,9 @@ def job_of(count: int, *, becomes: str = "SIMPLE_RADIAL", **settings: Any) -> Sf
     return jobs.job_of(count, becomes=becomes, **{"attempts": ("incremental", "lenient"), **settings})
 
 
-def synthesize(folder, count, points, zooms=(), model="", terms=()) -> Rig:
+def synthesize(
+    folder: Path, count: int, points: int, zooms: Sequence[float] = (), model: str = "", terms: Sequence[float] = ()
+) -> Rig:
     """A database of a rig with 0.5 pixels of noise and 10% wrong matches, and the true cameras, named by number.
 
     `zooms`: factor of each camera's focal length, or those of x and y. `model`, `terms`: COLMAP model and parameters
@@ -264,7 +267,9 @@ def test_neighbors_have_similar_viewing_directions() -> None:
     assert len(pairs) == 24
 
 
-def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(tmp_path, monkeypatch) -> None:
+def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     synthesize(tmp_path, 8, 500)
     database, asked = tmp_path / "database.db", []
     calibrate = pycolmap.calibrate_view_graph

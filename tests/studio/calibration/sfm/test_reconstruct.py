@@ -180,7 +180,9 @@ def test_a_camera_without_a_pose(scene: Scene, tmp_path: Path) -> None:
     assert caught.value.fields["unregistered"] == {"wall": "only 0 features in its image"}
 
 
-def test_masks_keep_features_out_and_names_have_any_letters(scene, tmp_path, monkeypatch) -> None:
+def test_masks_keep_features_out_and_names_have_any_letters(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Only the right half of each image may be used: there are no observations in the left half.
 
     COLMAP's C++ code interprets file names according to the locale of the worker process.

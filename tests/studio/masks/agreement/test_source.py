@@ -32,7 +32,7 @@ def alpha_of(camera: Camera, frame: int) -> np.ndarray:
 @pytest.fixture(autouse=True)
 def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the usual number along each side, which are split once more, is as good for small images."""
-    monkeypatch.setattr(vote, "_CELLS", 24)
+    monkeypatch.setattr(vote, "CELLS", 24)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,9 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     assert {path: path.stat().st_mtime_ns for path in cache.rglob("mask_*.png")} == files != {}
 
 
-def test_a_model_sees_squares_around_people_and_counts(capture, rig, cache, monkeypatch) -> None:
+def test_a_model_sees_squares_around_people_and_counts(
+    capture: Path, rig: Rig, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     settings = {"masks": "agreed", "mask_model": f"selfie:{LITE}"}
     sides = []
 
@@ -116,7 +118,9 @@ def test_a_model_sees_squares_around_people_and_counts(capture, rig, cache, monk
     assert all(height == width < SIZE[0] for height, width in sides)
 
 
-def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows_it(capture, rig, monkeypatch) -> None:
+def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows_it(
+    capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def without_head(image: np.ndarray, *_: object) -> np.ndarray:
         shown = even(image)
         rows = np.flatnonzero(shown.any(1))
@@ -124,7 +128,7 @@ def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows
         return np.where(shown, np.float32(4), np.float32(-4))
 
     monkeypatch.setattr(source, "evidence_of", without_head)
-    monkeypatch.setattr(source, "_SET_FRAMES", 2)
+    monkeypatch.setattr(source, "SET_FRAMES", 2)
     monkeypatch.setattr(MattingModel, "__call__", lambda self, image, *_: np.float32(even(image)))
     footage = opened(capture, rig, masks="agreed", mask_model=f"selfie:{LITE}")
     assert np.mean([found(footage, camera, 7) for camera in rig]) > 0.85
