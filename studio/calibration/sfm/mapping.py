@@ -198,7 +198,7 @@ class Mapper:
         """The model with cameras from matches along its epipolar lines, if the first matches agree with them as well.
 
         It happens only if a camera is weak, since it takes as long as mapping. The points remain those of the first
-        matches. """
+        matches."""
         first = self.database
         if self.job.poses or not self.sync_frames.exists():
             return model
