@@ -131,7 +131,7 @@ def repetition(pairs: Sequence[PairMatches]) -> float:
 def fitting(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], tuple[int, int]]:
     """Matches that fit the epipolar geometry of two cameras, and all of them, by pair of cameras."""
     off = distances(cameras, pairs)
-    return {pair: (int((values < TOLERANCE).sum()), len(values)) for pair, values in off.items()}
+    return {pair: (int((errors < TOLERANCE).sum()), len(errors)) for pair, errors in off.items()}
 
 
 def distances(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> dict[tuple[str, str], np.ndarray]:

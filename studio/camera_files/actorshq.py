@@ -52,6 +52,6 @@ def write(rig: Rig, path: Path) -> None:
             raise camera_error("camera_file.not_expressible", camera.name, problem, fix="Rename the camera.")
         vector = cv2.Rodrigues(camera.rotation.T)[0].ravel()
         w, h = camera.width, camera.height
-        values = [*vector, *camera.center, camera.fx / w, camera.fy / h, camera.cx / w, camera.cy / h]
-        lines.append(",".join([camera.name, str(w), str(h), *(repr(float(value)) for value in values)]))
+        numbers = [*vector, *camera.center, camera.fx / w, camera.fy / h, camera.cx / w, camera.cy / h]
+        lines.append(",".join([camera.name, str(w), str(h), *(repr(float(value)) for value in numbers)]))
     write_atomic(path, ("\n".join(lines) + "\n").encode())

@@ -38,8 +38,8 @@ class _OnlyArrays(pickle.Unpickler):
 
 def read(file: CameraFile) -> Rig:
     """Read the cameras, in meters; image sizes come from the images next to the file."""
-    values = _load(file.path)
-    cams, frames = values.get("cams"), values.get("ims")
+    content = _load(file.path)
+    cams, frames = content.get("cams"), content.get("ims")
     if not isinstance(cams, dict) or not isinstance(frames, list) or not frames:
         raise no_cameras("the file has no 'cams' and 'ims'")
     images = frames[0].get("ims") if isinstance(frames[0], dict) else None

@@ -160,18 +160,18 @@ def _fields(number: int, line: str, kinds: str) -> list[float | int | str]:
         problem = f"line {number} has {len(words)} values, expected at least {len(kinds)}"
         fix = "The file may be truncated: copy it again."
         raise StudioError("camera_file.truncated", problem, value=len(words), fix=fix, line=number, expected=len(kinds))
-    values: list[float | int | str] = []
+    parsed: list[float | int | str] = []
     for index, kind in enumerate(kinds):
         try:
             if kind == "r":
-                values.append(line.split(maxsplit=index)[index].strip())
+                parsed.append(line.split(maxsplit=index)[index].strip())
             else:
-                values.append({"i": int, "f": float, "s": str}[kind](words[index]))
+                parsed.append({"i": int, "f": float, "s": str}[kind](words[index]))
         except ValueError:
             problem = f"line {number} has {words[index]!r}, expected a number"
             fix = "Export the model again."
             raise StudioError("camera_file.not_a_number", problem, value=words[index], fix=fix, line=number) from None
-    return values
+    return parsed
 
 
 def _intrinsics_text(path: Path) -> dict[int, _Lens]:
@@ -197,8 +197,8 @@ def _poses_text(path: Path) -> list[_Pose]:
     for number, line in lines:
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        values = _fields(number, line, "ifffffffir")
-        poses.append((str(values[9]), int(values[8]), [float(value) for value in values[1:8]]))
+        fields = _fields(number, line, "ifffffffir")
+        poses.append((str(fields[9]), int(fields[8]), [float(value) for value in fields[1:8]]))
         number, points = next(lines, (0, ""))
         if not _is_points(points):
             problem = f"line {number} is not a list of points (x, y, id) of the image in the line above"
@@ -269,10 +269,10 @@ def _intrinsics_binary(path: Path) -> dict[int, _Lens]:
 def _poses_binary(path: Path) -> list[_Pose]:
     reader, poses = _Reader(path), []
     for _ in range(int(reader.take("Q")[0])):
-        values = reader.take("i7di")
+        fields = reader.take("i7di")
         name = reader.word()
         reader.skip(24 * int(reader.take("Q")[0]))  # x, y, point id
-        poses.append((name, int(values[8]), [float(value) for value in values[1:8]]))
+        poses.append((name, int(fields[8]), [float(value) for value in fields[1:8]]))
     return poses
 
 

@@ -41,16 +41,16 @@ def read(file: CameraFile) -> Rig:
 
 
 def _cameras(path: Path) -> Rig:
-    values = read_json(path)
+    content = read_json(path)
     with naming(path):
-        unknown = sorted(set(values) - _KNOWN)
+        unknown = sorted(set(content) - _KNOWN)
         if unknown:
             problem = f"the key '{unknown[0]}' is not known and may be the lens distortion"
             fix = "Delete it if it does not belong to the cameras."
             raise StudioError("camera.unknown_key", problem, value=unknown[0], fix=fix, key=unknown[0])
         lists: dict[str, list[list[Any]]] = {}
         for key in _LISTS:
-            value = values.get(key)
+            value = content.get(key)
             if key == "cam_id" and value is None:
                 continue
             if value == []:
@@ -64,7 +64,7 @@ def _cameras(path: Path) -> Rig:
         for files, Ks, poses in zip(lists["fn"], lists["k"], lists["w2c"], strict=True):
             for file, K, pose in zip(files, Ks, poses, strict=True):
                 _add(cameras, file, {"k": K, "w2c": pose})
-        size: JsonObject = {key: values[key] for key in ("w", "h") if key in values}
+        size: JsonObject = {key: content[key] for key in ("w", "h") if key in content}
         entries = [(name, {**entry, **size}) for name, entry in cameras.items()]
         return replace(keyed_rig(path.parent, entries, KeyedForm(corner=True)), notes=())
 

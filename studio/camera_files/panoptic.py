@@ -17,12 +17,12 @@ _UNIT = "CMU Panoptic: centimeters are converted to meters."
 
 def matches(file: CameraFile) -> bool:
     """Whether a file has this form."""
-    values = file.json_object
-    cameras = values.get("cameras")
+    content = file.json_object
+    cameras = content.get("cameras")
     if not isinstance(cameras, list):
         return False
     places = [isinstance(entry, dict) and {"panel", "node"} <= entry.keys() for entry in cameras]
-    return "calibDataSource" in values or (bool(places) and all(places))
+    return "calibDataSource" in content or (bool(places) and all(places))
 
 
 def read(file: CameraFile) -> Rig:

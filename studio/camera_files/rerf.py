@@ -45,19 +45,19 @@ def read(file: CameraFile) -> Rig:
 def _rows(path: Path) -> list[tuple[int, list[float]]]:
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
-        values = array(line.split(), f"line {number}", "?").tolist()
-        if values:
-            rows.append((number, values))
+        row = array(line.split(), f"line {number}", "?").tolist()
+        if row:
+            rows.append((number, row))
     return rows
 
 
 def _poses(path: Path) -> list[np.ndarray]:
     poses: list[np.ndarray] = []
-    for number, values in _rows(path):
-        if len(values) != 12:
-            raise _truncated(number, len(values), 12)
-        check_finite(np.array(values), f"line {number}", str(len(poses)))
-        z, x, y, center = np.array(values).reshape(4, 3)
+    for number, row in _rows(path):
+        if len(row) != 12:
+            raise _truncated(number, len(row), 12)
+        check_finite(np.array(row), f"line {number}", str(len(poses)))
+        z, x, y, center = np.array(row).reshape(4, 3)
         poses.append(np.column_stack([x, y, z, center]))
     return poses
 
@@ -69,13 +69,13 @@ def _truncated(line: int, count: int, expected: int) -> StudioError:
 
 
 def _intrinsics(path: Path) -> list[np.ndarray]:
-    rows = [(number, values) for number, values in _rows(path) if len(values) != 1]
+    rows = [(number, row) for number, row in _rows(path) if len(row) != 1]
     matrices: list[np.ndarray] = []
     for start in range(0, len(rows), 3):
         part = rows[start : start + 3]
-        if len(part) < 3 or any(len(values) != 3 for _, values in part):
-            raise _truncated(part[0][0], sum(len(values) for _, values in part), 9)
-        K = np.array([values for _, values in part])
+        if len(part) < 3 or any(len(row) != 3 for _, row in part):
+            raise _truncated(part[0][0], sum(len(row) for _, row in part), 9)
+        K = np.array([row for _, row in part])
         check_finite(K, "K", str(len(matrices)))
         K[:2, 2] += 0.5
         matrices.append(K)

@@ -24,20 +24,20 @@ _CORNER = "Principal points are taken relative to the image corner."
 
 def matches(file: CameraFile) -> bool:
     """Whether a file has a list of cameras, or is of a format or version that `read` refuses."""
-    values = file.json_object
-    is_other = values.get("format", FORMAT) != FORMAT or values.get("version", VERSION) != VERSION
-    return is_other or isinstance(values.get("cameras"), list)
+    content = file.json_object
+    is_other = content.get("format", FORMAT) != FORMAT or content.get("version", VERSION) != VERSION
+    return is_other or isinstance(content.get("cameras"), list)
 
 
 def read(file: CameraFile) -> Rig:
     """Read the cameras. Raises StudioError: another format (camera_file.wrong_format) or version
     (camera_file.wrong_version)."""
-    values = file.json_object
-    entries, notes = listed_cameras(values)
+    content = file.json_object
+    entries, notes = listed_cameras(content)
     rig = keyed_rig(file.path.parent, entries, KeyedForm(corner=True))
-    if "format" not in values:
+    if "format" not in content:
         return replace(rig, notes=(*rig.notes, *notes, _CORNER))
-    left_out = values.get("left_out", [])
+    left_out = content.get("left_out", [])
     if not isinstance(left_out, list):
         raise StudioError(
             "camera_file.not_a_list", "'left_out' must be a list of names", value=left_out,
@@ -46,21 +46,21 @@ def read(file: CameraFile) -> Rig:
     return replace(rig, left_out=(*rig.left_out, *map(str, left_out)))
 
 
-def listed_cameras(values: JsonObject) -> tuple[list[tuple[str, JsonObject]], tuple[str, ...]]:
+def listed_cameras(content: JsonObject) -> tuple[list[tuple[str, JsonObject]], tuple[str, ...]]:
     """Name and values of each entry of `cameras`, and notes on the keys beside it. Raises StudioError as `read`."""
-    if values.get("format", FORMAT) != FORMAT:
-        problem = f"the format is {values['format']!r}, expected '{FORMAT}'"
+    if content.get("format", FORMAT) != FORMAT:
+        problem = f"the format is {content['format']!r}, expected '{FORMAT}'"
         fix = "Specify a camera file."
-        raise StudioError("camera_file.wrong_format", problem, value=values["format"], fix=fix, expected=FORMAT)
-    if values.get("version", VERSION) != VERSION:
-        problem = f"the format version is {values['version']}, expected {VERSION}"
+        raise StudioError("camera_file.wrong_format", problem, value=content["format"], fix=fix, expected=FORMAT)
+    if content.get("version", VERSION) != VERSION:
+        problem = f"the format version is {content['version']}, expected {VERSION}"
         fix = "Update V3 Studio."
-        raise StudioError("camera_file.wrong_version", problem, value=values["version"], fix=fix, expected=VERSION)
-    if not values["cameras"]:
+        raise StudioError("camera_file.wrong_version", problem, value=content["version"], fix=fix, expected=VERSION)
+    if not content["cameras"]:
         raise no_cameras("the list 'cameras' is empty")
     entries = []
-    notes = ignored_in_file(values, ("cameras", "format", "version", "left_out", "calibDataSource"))
-    for index, entry in enumerate(map(json_object, values["cameras"])):
+    notes = ignored_in_file(content, ("cameras", "format", "version", "left_out", "calibDataSource"))
+    for index, entry in enumerate(map(json_object, content["cameras"])):
         if "name" not in entry:
             raise missing_key("name", f"number {index}")
         entries.append((str(entry["name"]), entry))
@@ -69,6 +69,6 @@ def listed_cameras(values: JsonObject) -> tuple[list[tuple[str, JsonObject]], tu
 
 def write(rig: Rig, path: Path) -> None:
     """Write rig.json atomically, with full precision. Raises StudioError (camera_file.unwritable)."""
-    values = {"format": FORMAT, "version": VERSION, "cameras": [camera.to_dict() for camera in rig]}
-    values |= {"left_out": list(rig.left_out)} if rig.left_out else {}
-    write_atomic(path, (json.dumps(values, indent=1, allow_nan=False) + "\n").encode())
+    content = {"format": FORMAT, "version": VERSION, "cameras": [camera.to_dict() for camera in rig]}
+    content |= {"left_out": list(rig.left_out)} if rig.left_out else {}
+    write_atomic(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())

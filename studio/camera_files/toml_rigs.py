@@ -26,13 +26,13 @@ _FORM = KeyedForm(harmless=("verified_resolutions",))
 def read(file: CameraFile) -> Rig:
     """Read either format."""
     try:
-        values = parse_toml(read_text(file.path))
+        content = parse_toml(read_text(file.path))
     except TextError as error:
         problem = f"invalid TOML ({str(error)[:1].lower()}{str(error)[1:]})"
         fix = "Two cameras may have the same name, or the file may be truncated: export it again."
         raise StudioError("camera_file.syntax", problem, fix=fix) from None
-    nested = values.get("cameras")
-    tables = nested if isinstance(nested, dict) else values
+    nested = content.get("cameras")
+    tables = nested if isinstance(nested, dict) else content
     cameras = {key: table for key, table in tables.items() if is_camera(table)}
     if not cameras:
         raise no_cameras("no cameras in the file (tables with matrix, rotation, translation)")

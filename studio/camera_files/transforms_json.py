@@ -60,17 +60,17 @@ _SPELLINGS = {"transformmatrix": "cameratoworld", "distortionparams": "distortio
 
 def matches(file: CameraFile) -> bool:
     """Whether a file has this form."""
-    values = file.json_object
-    return isinstance(values.get("frames"), list) and "cameras" not in values
+    content = file.json_object
+    return isinstance(content.get("frames"), list) and "cameras" not in content
 
 
 def read(file: CameraFile) -> Rig:
     """Read the cameras, also those in the other parts of a split into training and test views."""
-    path, values = file.path, file.json_object
-    files = {path: values}
+    path, parsed = file.path, file.json_object
+    files = {path: parsed}
     if _SPLIT.fullmatch(path.name):
         others = (path.parent / f"transforms_{part}.json" for part in ("train", "val", "test"))
-        files = {other: values if other == path else read_json(other) for other in others if other.is_file()}
+        files = {other: parsed if other == path else read_json(other) for other in others if other.is_file()}
     entries = [entry for part, content in files.items() for entry in _entries(part, content)]
     names = camera_names([file_path for _, file_path, _ in entries])
     seen = FileNotes()
@@ -94,37 +94,37 @@ def read(file: CameraFile) -> Rig:
     return Rig(tuple(cameras), (*seen.sentences, *_overridden(files), *notes), for_evaluation=tested)
 
 
-def _entries(path: Path, values: JsonObject) -> list[tuple[Path, str, JsonObject]]:
+def _entries(path: Path, content: JsonObject) -> list[tuple[Path, str, JsonObject]]:
     """File, path of the image and values of each entry."""
     with naming(path):
-        frames = values.get("frames")
+        frames = content.get("frames")
         if not isinstance(frames, list) or not frames:
             raise no_cameras("the list 'frames' is missing or empty")
         for index, frame in enumerate(frames):
             if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
                 raise missing_key("file_path", f"number {index}")
-    return [(path, frame["file_path"], {**_not_in(frame, values), **frame}) for frame in frames]
+    return [(path, frame["file_path"], {**_not_in(frame, content), **frame}) for frame in frames]
 
 
-def _not_in(frame: JsonObject, values: JsonObject) -> JsonObject:
+def _not_in(frame: JsonObject, content: JsonObject) -> JsonObject:
     """The values beside `frames` for which an entry has none of its own, under no key."""
     replaced = [key for same in _SAME if frame.keys() & same for key in same]
-    return {key: value for key, value in values.items() if key not in replaced}
+    return {key: value for key, value in content.items() if key not in replaced}
 
 
 def _overridden(files: Mapping[Path, JsonObject]) -> tuple[str, ...]:
     """Notes on values beside `frames` that differ from those of the entries: nerfstudio would use the former."""
     keys = {
         key
-        for values in files.values()
-        for frame in values["frames"]
-        for key in (frame.keys() & values.keys()) - _HARMLESS
-        if frame[key] != values[key]
+        for content in files.values()
+        for frame in content["frames"]
+        for key in (frame.keys() & content.keys()) - _HARMLESS
+        if frame[key] != content[key]
     }
     return (f"Entries have their own {listed(sorted(map(repr, keys)))}; those beside 'frames' differ.",) if keys else ()
 
 
-def _camera(name: str, path: Path, file_path: str, values: JsonObject, seen: FileNotes) -> Camera:
+def _camera(name: str, path: Path, file_path: str, entry: JsonObject, seen: FileNotes) -> Camera:
     form = KeyedForm(
         corner=True,
         centered=True,
@@ -132,18 +132,18 @@ def _camera(name: str, path: Path, file_path: str, values: JsonObject, seen: Fil
         spelling=lambda key, camera: _SPELLINGS.get(normal_key(key), normal_key(key)),
         size_of=lambda camera: size_nearby(path.parent, file_path, camera),
     )
-    known = {key: value for key, value in values.items() if key != "rotation"}  # between views of Blender's scenes
-    if "distortion_params" in values:  # nerfstudio: k1 k2 k3 k4 p1 p2
-        terms = array(values["distortion_params"], "distortion_params", name)
+    known = {key: value for key, value in entry.items() if key != "rotation"}  # between views of Blender's scenes
+    if "distortion_params" in entry:  # nerfstudio: k1 k2 k3 k4 p1 p2
+        terms = array(entry["distortion_params"], "distortion_params", name)
         if terms.shape != (6,):
             raise wrong_shape("distortion_params", name, terms.shape, ((6,),))
         known["distortion_params"] = [*terms[[0, 1, 4, 5, 2]], *([terms[3], 0, 0] if terms[3] else [])]
     camera = keyed_camera(path.parent, name, known, form, seen)
     if camera is None:
         raise missing_key("transform_matrix", name)
-    if camera.distortion[5:].any() and str(values.get("camera_model")).upper() != "FULL_OPENCV":
+    if camera.distortion[5:].any() and str(entry.get("camera_model")).upper() != "FULL_OPENCV":
         raise fisheye(name)  # k4 is a fisheye lens's in instant-ngp
-    if values.get("from_na"):
+    if entry.get("from_na"):
         return camera
     return replace(camera, world_to_camera=OPENGL_AXES @ camera.world_to_camera)
 

@@ -58,10 +58,10 @@ def _first(red: np.ndarray, size: int, step: int) -> float:
     return round(2 * (-offset / slope - middle)) / 2
 
 
-def _fill(plane: Any, values: np.ndarray, bits: int) -> None:
+def _fill(plane: Any, samples: np.ndarray, bits: int) -> None:
     """Write (height, width) levels into a plane of 8 bits or 9 to 16 bits per sample."""
     kind = np.dtype("u1") if bits == 8 else np.dtype("<u2")
     rows = np.zeros((plane.height, plane.line_size // kind.itemsize), kind)
-    rows[:, : plane.width] = values
+    rows[:, : plane.width] = samples
     data = rows.tobytes()
     plane.update(data + bytes(plane.buffer_size - len(data)))

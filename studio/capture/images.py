@@ -54,10 +54,10 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
             return pixels if _is_transparent(image) else _color_of(pixels)
         image.load()
         if image.mode.startswith("I;16") or image.mode in ("I", "F"):
-            values = np.asarray(image, dtype=np.float64)
+            levels = np.asarray(image, dtype=np.float64)
             if image.mode != "F":
-                values = values / 257.0
-            gray = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+                levels = levels / 257.0
+            gray = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
             return np.repeat(gray[:, :, None], 3, axis=2)
         pixels = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
     if transfer not in ("auto", "srgb"):
@@ -73,8 +73,8 @@ def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
         return _deep_values(path), None
     with _open(path) as image, _undamaged(path):
         if _has_deep_color(image):
-            values = _deep_values(path)
-            return values if values.ndim != 3 or _is_transparent(image) else _color_of(values), None
+            numbers = _deep_values(path)
+            return numbers if numbers.ndim != 3 or _is_transparent(image) else _color_of(numbers), None
         image.load()
         if _is_transparent(image):
             with_alpha = np.array(image.convert("RGBA"))
@@ -167,13 +167,13 @@ def _reason(error: Exception) -> str:
 def _deep_image(path: Path, transfer: TransferFunction) -> np.ndarray:
     """Decode an EXR (RGB or gray, half or float), DPX (8 to 16 bits), TIFF or PNG file to (H, W, 3) RGB or (H, W, 4)
     RGBA with straight alpha, uint8 sRGB; `transfer` auto: EXR files are linear, others sRGB."""
-    values = _deep_values(path)
-    if values.dtype != np.uint16 or transfer not in ("auto", "srgb"):
-        white = {"uint8": 255, "uint16": 65535}.get(values.dtype.name, 1)
-        values = np.asarray(values, np.float32) / np.float32(white)
-    if values.ndim == 2:
-        values = np.repeat(values[:, :, None], 3, axis=2)
-    color, alpha = values[:, :, :3], values[:, :, 3:]
+    stored = _deep_values(path)
+    if stored.dtype != np.uint16 or transfer not in ("auto", "srgb"):
+        white = {"uint8": 255, "uint16": 65535}.get(stored.dtype.name, 1)
+        stored = np.asarray(stored, np.float32) / np.float32(white)
+    if stored.ndim == 2:
+        stored = np.repeat(stored[:, :, None], 3, axis=2)
+    color, alpha = stored[:, :, :3], stored[:, :, 3:]
     if path.suffix.lower() == ".exr":
         transfer = "linear" if transfer == "auto" else transfer
         if alpha.size:  # colors of EXR files are premultiplied
@@ -227,12 +227,12 @@ def _channels(path: Path, frame: VideoFrame) -> np.ndarray:
         return np.stack([red, green, blue, *alpha], -1)
     bits = frame.format.components[0].bits
     if frame.format.is_rgb and kind.startswith("abgr"):
-        values = frame.to_ndarray(format="rgba")
+        samples = frame.to_ndarray(format="rgba")
     elif frame.format.is_rgb or kind.startswith("gray"):
-        values = frame.to_ndarray()
+        samples = frame.to_ndarray()
     else:
         _refuse(path, f"its pixel format, {kind}, is not supported")
-    return values.astype(np.float32) / np.float32(2**bits - 1)
+    return samples.astype(np.float32) / np.float32(2**bits - 1)
 
 
 def _opencv_values(path: Path, data: bytes) -> np.ndarray:
@@ -240,16 +240,16 @@ def _opencv_values(path: Path, data: bytes) -> np.ndarray:
     import cv2
 
     try:
-        values = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error as error:
         if is_out_of_memory(error):
             raise
-        values = None
-    if values is None or (values.ndim == 3 and values.shape[2] not in (3, 4)):
+        pixels = None
+    if pixels is None or (pixels.ndim == 3 and pixels.shape[2] not in (3, 4)):
         _refuse(path, "not an image, damaged, or of a kind that OpenCV cannot read")
-    if values.ndim == 3:
-        values = values[:, :, [2, 1, 0, 3][: values.shape[2]]]
-    return np.asarray(values)
+    if pixels.ndim == 3:
+        pixels = pixels[:, :, [2, 1, 0, 3][: pixels.shape[2]]]
+    return np.asarray(pixels)
 
 
 def _refuse(path: Path, problem: str) -> NoReturn:

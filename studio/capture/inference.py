@@ -151,12 +151,12 @@ def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Ite
 
 def _frame_score(before: str, numbers: Sequence[str]) -> float:
     """Score, higher for digits that look like frame numbers: by the text before them, their width and gaps."""
-    values = {int(number) for number in numbers}
+    frames = {int(number) for number in numbers}
     score = 0.0
     if before and _AFTER_FRAME_WORD.fullmatch(before):
         score += 3
     score += min(len(number) for number in numbers) >= 3
-    return score + 0.5 * (max(values) - min(values) + 1 == len(values))
+    return score + 0.5 * (max(frames) - min(frames) + 1 == len(frames))
 
 
 def shared_start(names: Sequence[str]) -> str:

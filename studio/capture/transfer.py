@@ -13,23 +13,23 @@ import numpy as np
 TransferFunction = Literal["auto", "srgb", "linear", "slog3", "logc3"]
 
 
-def linear_from_slog3(values: np.ndarray) -> np.ndarray:
+def linear_from_slog3(codes: np.ndarray) -> np.ndarray:
     """Linear light, 0.18 is middle gray, from Sony S-Log3 in 0..1 (Technical Summary for S-Log3)."""
-    codes = np.asarray(values, np.float64) * 1023
+    codes = np.asarray(codes, np.float64) * 1023
     bright = 10 ** ((codes - 420) / 261.5) * (0.18 + 0.01) - 0.01
     return np.where(codes >= 171.2102946929, bright, (codes - 95) * 0.01125 / (171.2102946929 - 95))
 
 
-def linear_from_logc3(values: np.ndarray) -> np.ndarray:
+def linear_from_logc3(codes: np.ndarray) -> np.ndarray:
     """Linear light, 0.18 is middle gray, from ARRI LogC3 in 0..1 at EI 800 (ALEXA Log C Curve in VFX)."""
     cut, a, b, c, d, e, f = 0.010591, 5.555556, 0.052272, 0.247190, 0.385537, 5.367655, 0.092809
-    codes = np.asarray(values, np.float64)
+    codes = np.asarray(codes, np.float64)
     return np.where(codes > e * cut + f, (10 ** ((codes - d) / c) - b) / a, (codes - f) / e)
 
 
-def srgb_from_linear(values: np.ndarray) -> np.ndarray:
+def srgb_from_linear(light: np.ndarray) -> np.ndarray:
     """sRGB values 0..1 from linear light (IEC 61966-2-1), limited to 0..1 first; NaN is black; float64."""
-    light = np.clip(np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=1.0, neginf=0.0), 0, 1)
+    light = np.clip(np.nan_to_num(np.asarray(light, np.float64), nan=0.0, posinf=1.0, neginf=0.0), 0, 1)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 

@@ -54,13 +54,13 @@ class ColorDrift:
         for camera, gains in sorted(self._gains.items()):
             if len(gains) < 3:
                 continue
-            frames, values = list(gains), np.stack(list(gains.values()))
-            change = np.abs(values / np.median(values, axis=0) - 1)
+            frames, measured = list(gains), np.stack(list(gains.values()))
+            change = np.abs(measured / np.median(measured, axis=0) - 1)
             if change.max() <= _LARGEST_DRIFT:
                 continue
             far = [frame for frame, largest in zip(frames, change.max(1), strict=True) if largest > _LARGEST_DRIFT]
             spread = change.max(0)
-            together = np.ptp(values / np.median(values, axis=0), axis=1).max() < _LARGEST_DRIFT
+            together = np.ptp(measured / np.median(measured, axis=0), axis=1).max() < _LARGEST_DRIFT
             what = "brightness" if together else "color"
             channel = ("red", "green", "blue")[int(spread.argmax())]
             amount = f"up to {100 * change.max():.0f}%" + ("" if together else f" in {channel}")

@@ -202,7 +202,7 @@ def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
 
     signals = {}
     for name in footage.camera_names:
-        before, values = None, []
+        before, changes = None, []
         for frame in footage.frames:
             image = footage.raw_image(name, frame)
             factor = min(1.0, 240 / max(image.shape[:2]))
@@ -211,9 +211,9 @@ def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
             if before is not None:
                 change = np.abs(gray - before)
                 # noise and compression change all pixels; their contribution is subtracted
-                values.append(float(np.maximum(change - 2 * np.median(change) - 2, 0).mean()))
+                changes.append(float(np.maximum(change - 2 * np.median(change) - 2, 0).mean()))
             before = gray
-        signals[name] = np.sqrt(np.array(values))
+        signals[name] = np.sqrt(np.array(changes))
     return signals
 
 

@@ -83,8 +83,8 @@ def screen_behind(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.rint(np.clip(screen_color, 0, 255)).astype(np.uint8)
 
 
-def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise: np.ndarray) -> np.ndarray:
-    """Local mean of the (H, W, C) `values` where `where` is 1, extrapolated to the rest.
+def _extrapolate(colors: np.ndarray, where: np.ndarray, sigma: float, otherwise: np.ndarray) -> np.ndarray:
+    """Local mean of the (H, W, C) `colors` where `where` is 1, extrapolated to the rest.
 
     Uses Gaussian means with standard deviation `sigma`, or 4 and 16 times `sigma` where too few pixels are near, and
     `otherwise` (C,) where there are none at all. A mean counts for half where a share of `_FEW` of its pixels is known.
@@ -92,15 +92,15 @@ def _extrapolate(values: np.ndarray, where: np.ndarray, sigma: float, otherwise:
     import cv2
 
     height, width = where.shape
-    result: np.ndarray = np.broadcast_to(otherwise, values.shape).astype(np.float32)
+    result: np.ndarray = np.broadcast_to(otherwise, colors.shape).astype(np.float32)
     for factor in (16.0, 4.0, 1.0):
         shrink = min(1.0, 4.0 / (factor * sigma))  # a wide mean does not need full resolution
         size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
         weight = cv2.resize(where.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        weighted = cv2.resize(values * where[..., None].astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        weighted = cv2.resize(colors * where[..., None].astype(np.float32), size, interpolation=cv2.INTER_AREA)
         weighted = weighted.reshape(*weight.shape, -1) / np.maximum(weight, 1e-6)[..., None]
         mean, seen = masked_mean(weighted, weight, factor * sigma * shrink)
-        mean = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
+        mean = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR).reshape(colors.shape)
         seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR)[..., None]
         trust = seen / (seen + _FEW)
         result = trust * mean + (1.0 - trust) * result

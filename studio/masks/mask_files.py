@@ -165,20 +165,21 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
     source = _file_mask_source(
         matches, inputs.spec, needed, inputs.frames, inputs.pool, "mask", inputs.spec.mask_labels, not required
     )
-    values = source.sampled
-    wanted, known = inputs.spec.mask_labels, sorted({label for meaning in values.values() for label in meaning.labels})
+    meanings = source.sampled
+    wanted = inputs.spec.mask_labels
+    known = sorted({label for meaning in meanings.values() for label in meaning.labels})
     if wanted not in ((), INVERTED) and known and not set(wanted) & set(known):
         problem = f"capture.mask_labels is {inline_yaml(list(wanted))}, but the masks have {', '.join(map(str, known))}"
         fix = "Choose from these."
         raise StudioError(
             "mask.no_label", problem, file=inputs.spec.root, value=wanted, fix=fix, setting="capture.mask_labels"
         )
-    return source, f"files '{pattern}'{_described(values)}"
+    return source, f"files '{pattern}'{_described(meanings)}"
 
 
-def _described(values: Mapping[str, MaskValues]) -> str:
+def _described(meanings: Mapping[str, MaskValues]) -> str:
     """What the masks of some cameras contain, in parentheses."""
-    kinds = {str(meaning): name for name, meaning in values.items() if meaning.highest}
+    kinds = {str(meaning): name for name, meaning in meanings.items() if meaning.highest}
     words = f" ({'; '.join(f'camera {name}: {kind}' if len(kinds) > 1 else kind for kind, name in kinds.items())})"
     return words if kinds else " (all that were looked at are empty)"
 

@@ -68,7 +68,7 @@ class FunctionMaskSource:
         image = np.ascontiguousarray(image[:, :, :3])
         where, file = f"{self._name}, camera '{camera}', frame {frame}", self._files[0] if self._files else None
         try:
-            values = np.asarray(self._function(image, camera, frame))
+            result = np.asarray(self._function(image, camera, frame))
         except (StudioError, Cancelled, MemoryError):
             raise
         except Exception as error:
@@ -80,22 +80,22 @@ class FunctionMaskSource:
             ) from error
         problem = ""
         wrong: object = None
-        if values.shape != image.shape[:2] or not (values.dtype.kind in "fb" or values.dtype == np.uint8):
-            wrong = f"{values.shape} {values.dtype}"
+        if result.shape != image.shape[:2] or not (result.dtype.kind in "fb" or result.dtype == np.uint8):
+            wrong = f"{result.shape} {result.dtype}"
             problem = f"returned an array of {wrong}; expected floats, bool or uint8 of shape {image.shape[:2]}"
-        elif values.dtype == np.uint8 and values.max() == 1:  # 1 of 255 is meant by nobody
+        elif result.dtype == np.uint8 and result.max() == 1:  # 1 of 255 is meant by nobody
             wrong = 1
             problem = "returned uint8 values of 0 and 1 only; expected 0 to 255. Return bool for 0 and 1"
-        elif not np.isfinite(values).all():
+        elif not np.isfinite(result).all():
             problem = "returned NaN or infinite values"
-        elif values.dtype.kind == "f" and (values.min() < -0.01 or values.max() > 1.01):
-            low, high = float(values.min()), float(values.max())
+        elif result.dtype.kind == "f" and (result.min() < -0.01 or result.max() > 1.01):
+            low, high = float(result.min()), float(result.max())
             wrong = (low, high)
             problem = f"returned values from {low:.3g} to {high:.3g}; expected 0 to 1"
         if problem:
             problem = f"{where}: {problem}"
             raise StudioError("mask.function_output", problem, file=file, value=wrong, camera=camera, frame=frame)
-        return values if values.dtype == np.uint8 else np.rint(255 * np.clip(values, 0.0, 1.0)).astype(np.uint8)
+        return result if result.dtype == np.uint8 else np.rint(255 * np.clip(result, 0.0, 1.0)).astype(np.uint8)
 
     def files(self) -> list[Path]:
         return list(self._files)

@@ -226,8 +226,8 @@ def preprocess(image: np.ndarray, size: tuple[int, int], kind: Kind) -> np.ndarr
         shrinks = size[0] * size[1] < image.shape[0] * image.shape[1]
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
     mean, deviation = np.array(kind.mean, np.float32), np.array(kind.deviation, np.float32)
-    values = (image.astype(np.float32) / 255.0 - mean) / deviation
-    return np.ascontiguousarray(values.transpose(2, 0, 1)[None], np.float32)
+    scaled = (image.astype(np.float32) / 255.0 - mean) / deviation
+    return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], np.float32)
 
 
 def _number(size: Any, otherwise: int | None = None) -> int | None:

@@ -63,63 +63,65 @@ class Problem:
         """(U,) initial values of the unknowns."""
         from scipy.spatial.transform import Rotation
 
-        values = np.zeros(self.first_point + 3 * len(self.triangulated))
+        parameters = np.zeros(self.first_point + 3 * len(self.triangulated))
         for number, name in enumerate(self.names):
             camera = self.initial.cameras[name]
-            values[6 * number : 6 * number + 3] = Rotation.from_matrix(camera.rotation).as_rotvec()
-            values[6 * number + 3 : 6 * number + 6] = camera.translation
+            parameters[6 * number : 6 * number + 3] = Rotation.from_matrix(camera.rotation).as_rotvec()
+            parameters[6 * number + 3 : 6 * number + 6] = camera.translation
         if self.terms == 2:
             for number, group in enumerate(self.groups):
                 camera = self.initial.cameras[group[0]]
-                values[self.first_intrinsics + 2 * number + 1] = camera.distortion[0] if camera.distortion.size else 0.0
-        values[self.first_point :] = self.initial.points3d[self.triangulated].ravel()
-        return values
+                parameters[self.first_intrinsics + 2 * number + 1] = (
+                    camera.distortion[0] if camera.distortion.size else 0.0
+                )
+        parameters[self.first_point :] = self.initial.points3d[self.triangulated].ravel()
+        return parameters
 
-    def _intrinsics(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    def _intrinsics(self, parameters: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
         """K (3, 3) and distortion, at least 4 terms."""
         camera = self.initial.cameras[name]
         K, distortion = camera.K.copy(), camera.distortion if camera.distortion.size else np.zeros(4)
         if name in self.group_of:
-            own = values[self.first_intrinsics + self.terms * self.group_of[name] :][: self.terms]
+            own = parameters[self.first_intrinsics + self.terms * self.group_of[name] :][: self.terms]
             K[0, 0], K[1, 1] = K[0, 0] * np.exp(own[0]), K[1, 1] * np.exp(own[0])
             if self.terms == 2:
                 distortion = np.array([own[1], 0.0, 0.0, 0.0])
         return K, distortion
 
-    def rig(self, values: np.ndarray) -> TieRig:
+    def rig(self, parameters: np.ndarray) -> TieRig:
         """The rig that a vector of unknowns describes."""
         from scipy.spatial.transform import Rotation
 
         cameras = {}
         for number, name in enumerate(self.names):
-            own = values[6 * number : 6 * number + 6]
+            own = parameters[6 * number : 6 * number + 6]
             pose = np.column_stack([Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]])
-            K, distortion = self._intrinsics(values, name)
+            K, distortion = self._intrinsics(parameters, name)
             distortion = distortion if distortion.any() else np.zeros(0)
             cameras[name] = replace(self.initial.cameras[name], world_to_camera=pose, K=K, distortion=distortion)
         points3d = np.full_like(self.initial.points3d, np.nan)
-        points3d[self.triangulated] = values[self.first_point :].reshape(-1, 3)
+        points3d[self.triangulated] = parameters[self.first_point :].reshape(-1, 3)
         return TieRig(cameras, points3d, self.initial.observations)
 
-    def _project(self, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    def _project(self, parameters: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (N, 2) of a camera's points, and OpenCV's derivatives (2N, 10 + distortion terms)."""
         import cv2
 
-        own = values[6 * self.names.index(name) :][:6]
-        K, distortion = self._intrinsics(values, name)
-        points3d = values[self.first_point :].reshape(-1, 3)[self.columns[name]]
+        own = parameters[6 * self.names.index(name) :][:6]
+        K, distortion = self._intrinsics(parameters, name)
+        points3d = parameters[self.first_point :].reshape(-1, 3)[self.columns[name]]
         pixels, derivatives = cv2.projectPoints(points3d, own[:3], own[3:], K, distortion)
         return pixels.reshape(-1, 2), derivatives
 
-    def residuals(self, values: np.ndarray) -> np.ndarray:
+    def residuals(self, parameters: np.ndarray) -> np.ndarray:
         """(R,) errors in standard deviations: marks, measured positions, intrinsics priors."""
-        points3d = values[self.first_point :].reshape(-1, 3)
+        points3d = parameters[self.first_point :].reshape(-1, 3)
         marks = [
-            ((self._project(values, name)[0] - self.pixels[name]) / MARK).ravel()
+            ((self._project(parameters, name)[0] - self.pixels[name]) / MARK).ravel()
             for name in self.names
             if len(self.columns[name])
         ]
-        intrinsics = values[self.first_intrinsics : self.first_point].reshape(len(self.groups), self.terms)
+        intrinsics = parameters[self.first_intrinsics : self.first_point].reshape(len(self.groups), self.terms)
         return np.concatenate(
             [
                 *marks,
@@ -128,7 +130,7 @@ class Problem:
             ]
         )
 
-    def jacobian(self, values: np.ndarray) -> np.ndarray:
+    def jacobian(self, parameters: np.ndarray) -> np.ndarray:
         """(R, U) derivatives of the residuals."""
         import cv2
 
@@ -137,25 +139,25 @@ class Problem:
             columns = self.columns[name]
             if not len(columns):
                 continue
-            _, derivatives = self._project(values, name)
+            _, derivatives = self._project(parameters, name)
             derivatives = derivatives / MARK
-            block = np.zeros((2 * len(columns), len(values)))
+            block = np.zeros((2 * len(columns), len(parameters)))
             block[:, 6 * number : 6 * number + 6] = derivatives[:, :6]
             if name in self.group_of:
-                K, _ = self._intrinsics(values, name)
+                K, _ = self._intrinsics(parameters, name)
                 at = self.first_intrinsics + self.terms * self.group_of[name]
                 block[:, at] = derivatives[:, 6] * K[0, 0] + derivatives[:, 7] * K[1, 1]
                 if self.terms == 2:
                     block[:, at + 1] = derivatives[:, 10]
-            turned = derivatives[:, 3:6] @ cv2.Rodrigues(values[6 * number : 6 * number + 3])[0]
+            turned = derivatives[:, 3:6] @ cv2.Rodrigues(parameters[6 * number : 6 * number + 3])[0]
             rows = np.arange(2 * len(columns))
             for axis in range(3):
                 block[rows, self.first_point + 3 * np.repeat(columns, 2) + axis] = turned[:, axis]
             blocks.append(block)
-        points3d = np.zeros((3 * len(self.measured), len(values)))
+        points3d = np.zeros((3 * len(self.measured), len(parameters)))
         columns = (self.first_point + 3 * self.measured[:, None] + np.arange(3)).ravel()
         points3d[np.arange(len(columns)), columns] = 1 / WORLD
-        intrinsics = np.zeros((self.first_point - self.first_intrinsics, len(values)))
+        intrinsics = np.zeros((self.first_point - self.first_intrinsics, len(parameters)))
         intrinsics[:, self.first_intrinsics : self.first_point] = np.diag(
             np.tile(1 / np.array([_FOCAL, _RADIAL])[: self.terms], len(self.groups))
         )

@@ -59,26 +59,27 @@ def uncertainty(rig: TieRig, groups: Sequence[Sequence[str]], *, radial: bool) -
     problem = Problem(rig, groups, radial)
     unmeasured = replace(rig.observations, world=np.full_like(rig.observations.world, np.nan))
     marks = Problem(replace(rig, observations=unmeasured), groups, radial)
-    values = problem.start()
+    parameters = problem.start()
     points3d = rig.points3d[problem.triangulated]
     size = float(np.mean([np.linalg.norm(points3d - c.center, axis=1).mean() for c in rig.cameras.values()]))
-    units = np.ones(len(values))
+    units = np.ones(len(parameters))
     for number in range(len(problem.names)):
         units[6 * number + 3 : 6 * number + 6] = size
     units[problem.first_point :] = size
-    of_marks, of_all = (each.jacobian(values) * units for each in (marks, problem))
+    of_marks, of_all = (each.jacobian(parameters) * units for each in (marks, problem))
     # the seven gauge freedoms of the marks: position, orientation and scale of the world
     nothing = np.linalg.eigh(of_marks.T @ of_marks)[1][:, :_FREE]
     strengths, directions = np.linalg.eigh(of_all.T @ of_all + nothing @ nothing.T)
     roots = directions / np.sqrt(np.maximum(strengths, _WEAKEST))
     roots = roots - nothing @ (nothing.T @ roots)
-    residuals = marks.residuals(values)
-    beyond = len(residuals) - len(values) + _FREE
+    residuals = marks.residuals(parameters)
+    beyond = len(residuals) - len(parameters) + _FREE
     noise = max(1.0, float(np.sqrt((residuals**2).sum() / beyond))) if beyond > 0 else 1.0
     deviations = {}
     for number, name in enumerate(problem.names):
         own = slice(6 * number, 6 * number + 6)
-        deviations[name] = noise * float(np.linalg.norm(_center_slopes(values[own]) * units[own] @ roots[own])) / size
+        slopes = _center_slopes(parameters[own]) * units[own]
+        deviations[name] = noise * float(np.linalg.norm(slopes @ roots[own])) / size
     return deviations
 
 

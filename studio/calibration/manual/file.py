@@ -80,11 +80,11 @@ def write_tie_points(points: Sequence[TiePoint], path: Path) -> None:
     """Write a tie point file atomically, pixels rounded to 0.01; StudioError (camera_file.unwritable) if that fails."""
     content = {}
     for point in points:
-        values: JsonObject = {}
+        entry: JsonObject = {}
         if point.world is not None:
-            values["world"] = [float(value) for value in point.world]
+            entry["world"] = [float(value) for value in point.world]
         if point.frame is not None:
-            values["frame"] = point.frame
-        values["pixels"] = {name: [round(float(x), 2), round(float(y), 2)] for name, (x, y) in point.pixels.items()}
-        content[point.name] = values
+            entry["frame"] = point.frame
+        entry["pixels"] = {name: [round(float(x), 2), round(float(y), 2)] for name, (x, y) in point.pixels.items()}
+        content[point.name] = entry
     write_atomic(path, dump_yaml({"points": content}, flow=None, width=80).encode())

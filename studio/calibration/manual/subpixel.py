@@ -40,8 +40,8 @@ def _fit(gray: np.ndarray, x: float, y: float, radius: int, dot: bool) -> tuple[
         # lines through the pixels: along the gradient for a dot, perpendicular to it for a corner
         normal = np.stack([-gy, gx] if dot else [gx, gy], 1)
         normals = np.einsum("n,ni,nj->ij", weight, normal, normal)
-        values = np.linalg.eigvalsh(normals)
-        if values[0] < 0.02 * values[1] or values[1] <= 0 or values.sum() < 40 * weight.sum():
+        eigenvalues = np.linalg.eigvalsh(normals)
+        if eigenvalues[0] < 0.02 * eigenvalues[1] or eigenvalues[1] <= 0 or eigenvalues.sum() < 40 * weight.sum():
             return None  # flat, or an edge: one direction is undetermined
         distance = (normal * offset).sum(1)
         step: np.ndarray = np.linalg.solve(normals, (weight * distance) @ normal)

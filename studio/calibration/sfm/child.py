@@ -56,16 +56,16 @@ def run_reporting(module: str, arguments: Sequence[str], on_progress: Callable[[
                 if line is None:
                     break
                 try:
-                    values = json.loads(line)
+                    message = json.loads(line)
                 except (ValueError, RecursionError):
                     continue  # native code also prints
-                if isinstance(values, dict) and "error" in values:
-                    failure = Message(**values["error"])
-                elif isinstance(values, dict):
-                    if values["step"] != step:
-                        step = values["step"]
+                if isinstance(message, dict) and "error" in message:
+                    failure = Message(**message["error"])
+                elif isinstance(message, dict):
+                    if message["step"] != step:
+                        step = message["step"]
                         _LOG.debug("process %d: %s", child.pid, step)
-                    on_progress(values["step"], values["done"], values["total"])
+                    on_progress(message["step"], message["done"], message["total"])
             child.wait()
             _LOG.debug("process %d ended with exit code %d", child.pid, child.returncode)
         finally:

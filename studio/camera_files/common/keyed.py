@@ -102,9 +102,9 @@ class FileNotes:
     bent: list[str] = field(default_factory=list)
     straight: list[str] = field(default_factory=list)
 
-    def check_unknown(self, camera: str, values: Mapping[str, Any], missing: str) -> None:
+    def check_unknown(self, camera: str, entry: Mapping[str, Any], missing: str) -> None:
         """Reject keys that may belong to the lens or stand for what a camera lacks (`missing`), and record others."""
-        for key, value in values.items():
+        for key, value in entry.items():
             spelling = normal_key(key)
             if spelling in HARMLESS or _is_empty(value):
                 continue
@@ -123,12 +123,12 @@ class FileNotes:
         )
 
 
-def ignored_in_file(values: Mapping[str, Any], known: Collection[str]) -> tuple[str, ...]:
+def ignored_in_file(content: Mapping[str, Any], known: Collection[str]) -> tuple[str, ...]:
     """Notes on the keys beside the cameras of a file."""
     harmless = HARMLESS | {"unit", "units", "up"}  # the world is in the unit of the poses
     unknown = [
         key
-        for key, value in values.items()
+        for key, value in content.items()
         if key not in known and normal_key(key) not in harmless and not _is_empty(value) and not _is_opencv(value)
     ]
     for key in unknown:
@@ -143,10 +143,10 @@ def _is_opencv(value: Any) -> bool:
     return isinstance(value, str) and normal_key(value).startswith(("opencv", "colmap"))
 
 
-def is_camera(values: object) -> bool:
+def is_camera(entry: object) -> bool:
     """Whether a value is an object with intrinsics or a pose under one of the keys."""
     wanted = {spelling for key in ("K", "rotation", "translation", "distortion") for spelling in KEYS[key]}
-    return isinstance(values, Mapping) and bool(wanted & {normal_key(str(key)) for key in values})
+    return isinstance(entry, Mapping) and bool(wanted & {normal_key(str(key)) for key in entry})
 
 
 def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], form: KeyedForm = KeyedForm()) -> Rig:
@@ -157,7 +157,7 @@ def keyed_rig(folder: Path, entries: Sequence[tuple[str, Mapping[str, Any]]], fo
     for name in names:
         if names.count(name) > 1:
             raise duplicate_name(name)
-    cameras = [(name, keyed_camera(folder, name, values, form, notes)) for name, values in entries]
+    cameras = [(name, keyed_camera(folder, name, entry, form, notes)) for name, entry in entries]
     without = [name for name, camera in cameras if camera is None]
     if len(without) == len(cameras):
         raise no_cameras("no camera has a pose (rotation and translation)")
@@ -180,11 +180,9 @@ def pose_of(entry: Mapping[str, Any], rotation: str, translation: str, camera: s
     return pose
 
 
-def keyed_camera(
-    folder: Path, name: str, values: Mapping[str, Any], form: KeyedForm, notes: FileNotes
-) -> Camera | None:
-    """The camera that `values` describe, as in `keyed_rig`; None if it has no pose."""
-    given = _known(name, values, form, notes)
+def keyed_camera(folder: Path, name: str, entry: Mapping[str, Any], form: KeyedForm, notes: FileNotes) -> Camera | None:
+    """The camera that `entry` describes, as in `keyed_rig`; None if it has no pose."""
+    given = _known(name, entry, form, notes)
     _check_model(name, given)
     pose = _pose(name, given, form.unit)
     if pose is None:
@@ -203,20 +201,20 @@ _Given = dict[str, list[tuple[str, Any]]]
 """Canonical key to the keys of the file and their values, in the order of `KEYS`."""
 
 
-def _known(name: str, values: Mapping[str, Any], form: KeyedForm, notes: FileNotes) -> _Given:
+def _known(name: str, entry: Mapping[str, Any], form: KeyedForm, notes: FileNotes) -> _Given:
     """The values under known keys; null and empty ones count as missing."""
     by_spelling: dict[str, list[str]] = defaultdict(list)
-    for key, value in values.items():
+    for key, value in entry.items():
         spelling = form.spelling(str(key), name)
         if not _is_empty(value) or spelling in KEYS["distortion"]:  # an empty list says that there is none
             by_spelling[spelling].append(key)
     given: _Given = {}
     for canonical, spellings in [*KEYS.items(), *((term, (term,)) for term in TERMS)]:
-        own = [(key, values[key]) for spelling in spellings for key in by_spelling.pop(spelling, ())]
+        own = [(key, entry[key]) for spelling in spellings for key in by_spelling.pop(spelling, ())]
         if own:
             given[canonical] = own
     harmless = {normal_key(key) for key in form.harmless}
-    unknown = {key: values[key] for spelling, keys in by_spelling.items() if spelling not in harmless for key in keys}
+    unknown = {key: entry[key] for spelling, keys in by_spelling.items() if spelling not in harmless for key in keys}
     notes.check_unknown(name, unknown, _missing(given, form.centered))
     return given
 

@@ -200,8 +200,8 @@ class AgreedMaskSource(MaskSource):
         there is no model."""
         with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
 
-            def each(function: Callable[..., np.ndarray], *values: Mapping[str, Any]) -> dict[str, np.ndarray]:
-                arguments = [[by_camera[name] for name in names] for by_camera in values]
+            def each(function: Callable[..., np.ndarray], *mappings: Mapping[str, Any]) -> dict[str, np.ndarray]:
+                arguments = [[by_camera[name] for name in names] for by_camera in mappings]
                 return dict(zip(names, pool.map(function, *arguments), strict=True))
 
             names = self._inputs.names
