@@ -65,10 +65,10 @@ def test_encoding_is_exact_in_time_and_reproducible(tmp_path: Path) -> None:
     assert (tmp_path / "a.m4a").read_bytes() == (tmp_path / "b.m4a").read_bytes()
     with av.open(str(tmp_path / "a.m4a")) as container:
         assert container.streams.audio[0].codec_context.profile == "LC"
-        found = np.concatenate([frame.to_ndarray() for frame in container.decode(audio=0)], axis=1).T
-    assert len(found) >= len(sound)
-    assert click_times(found) == pytest.approx([0.0, 0.7, 1.2], abs=0.0005)
-    assert np.abs(found[: len(sound)] - sound).max() < 0.2
+        decoded = np.concatenate([frame.to_ndarray() for frame in container.decode(audio=0)], axis=1).T
+    assert len(decoded) >= len(sound)
+    assert click_times(decoded) == pytest.approx([0.0, 0.7, 1.2], abs=0.0005)
+    assert np.abs(decoded[: len(sound)] - sound).max() < 0.2
 
 
 def test_a_playlist_with_the_name_of_a_sound_is_refused(tmp_path: Path) -> None:

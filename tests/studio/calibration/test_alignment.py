@@ -28,10 +28,10 @@ MOVE = Similarity(2.5, turn([1, 2, 3], 1.1), np.array([3.0, -4.0, 5.0]))
 
 def test_alignment_finds_the_move() -> None:
     points = RANDOM.normal(size=(20, 3))
-    found = align_points(points, MOVE.points(points))
-    assert found.scale == pytest.approx(2.5)
-    np.testing.assert_allclose(found.rotation, MOVE.rotation, atol=1e-12)
-    np.testing.assert_allclose(found.translation, MOVE.translation, atol=1e-12)
+    aligned = align_points(points, MOVE.points(points))
+    assert aligned.scale == pytest.approx(2.5)
+    np.testing.assert_allclose(aligned.rotation, MOVE.rotation, atol=1e-12)
+    np.testing.assert_allclose(aligned.translation, MOVE.translation, atol=1e-12)
     # a reflection is not a rotation
     mirrored = align_points(points, points * [1, 1, -1])
     assert np.linalg.det(mirrored.rotation) == pytest.approx(1)

@@ -30,13 +30,13 @@ def pairs(rig: Cameras) -> list[PairMatches]:
     """Noisy projections of points around the ring, seen by neighbors."""
     random = np.random.default_rng(0)
     points = random.uniform([-1.5, -1.5, -0.5], [1.5, 1.5, 2.5], (60, 3))
-    found = []
+    matched = []
     names = list(rig)
     for first, second in combinations(range(12), 2):
         if (second - first) % 12 in (1, 2, 10, 11):
             seen = [rig[names[n]].project(points)[0] + random.normal(0, 0.3, (60, 2)) for n in (first, second)]
-            found.append(PairMatches(names[first], names[second], *seen))
-    return found
+            matched.append(PairMatches(names[first], names[second], *seen))
+    return matched
 
 
 def posed(camera: Camera, change: Callable[[np.ndarray], np.ndarray]) -> Camera:

@@ -23,11 +23,11 @@ def test_colmap_models_as_colmap_writes_them(tmp_path: Path, form: str) -> None:
     options.camera_params = [1280.0, 512.0, 384.0, 0.05]
     model = pycolmap.synthesize_dataset(options)
     (model.write_binary if form == "bin" else model.write_text)(tmp_path)
-    found = read_rig(tmp_path)
-    assert len(found) == model.num_reg_images() == 6
+    rig = read_rig(tmp_path)
+    assert len(rig) == model.num_reg_images() == 6
     points = np.array([point.xyz for point in model.points3D.values()])
     for image in model.images.values():
-        camera = next(c for c in found if np.allclose(c.center, image.projection_center(), atol=1e-9))
+        camera = next(c for c in rig if np.allclose(c.center, image.projection_center(), atol=1e-9))
         expected = np.array([image.project_point(point) for point in points])
         np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-6)
 

@@ -257,7 +257,7 @@ def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> No
 def test_transposed_matrices_of_transforms(tmp_path: Path) -> None:
     def change(values: JsonObject) -> JsonObject:
         key = "transform_matrix"
-        return {**values, "frames": [{**one, key: np.transpose(one[key]).tolist()} for one in values["frames"]]}
+        return {**values, "frames": [{**frame, key: np.transpose(frame[key]).tolist()} for frame in values["frames"]]}
 
     with refuses("camera.not_rigid", camera="cam0", key="transform_matrix"):
         read_rig(transforms(tmp_path, change))

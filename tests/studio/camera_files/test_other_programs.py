@@ -69,9 +69,9 @@ def test_what_we_write_opencv_reads(tmp_path: Path) -> None:
     intrinsics = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
     extrinsics = cv2.FileStorage(str(tmp_path / "extri.yml"), cv2.FILE_STORAGE_READ)
     for camera in BENT:
-        found = [extrinsics.getNode(f"{key}_{camera.name}").mat() for key in "RT"]
-        found += [intrinsics.getNode(f"{key}_{camera.name}").mat() for key in ("K", "dist")]
-        pixels, _ = cv2.projectPoints(POINTS, *found)
+        stored = [extrinsics.getNode(f"{key}_{camera.name}").mat() for key in "RT"]
+        stored += [intrinsics.getNode(f"{key}_{camera.name}").mat() for key in ("K", "dist")]
+        pixels, _ = cv2.projectPoints(POINTS, *stored)
         np.testing.assert_allclose(pixels.reshape(-1, 2) + 0.5, camera.project(POINTS)[0], atol=1e-6)
 
 
@@ -235,8 +235,8 @@ def test_metashape(tmp_path: Path, k4: float) -> None:
     assert rig.names == ("000001-01_00001",)
     camera = rig["000001-01_00001"]
     places = METASHAPE.split("<components")[1]
-    found = [re.search(rf"<{tag}[^>]*>([-\d. e]+)</", places) for tag in ("rotation", "translation", "transform")]
-    words = [np.array(part[1].split(), float) for part in found if part is not None]
+    matched = [re.search(rf"<{tag}[^>]*>([-\d. e]+)</", places) for tag in ("rotation", "translation", "transform")]
+    words = [np.array(part[1].split(), float) for part in matched if part is not None]
     turn, shift, pose = words[0].reshape(3, 3), words[1], words[2].reshape(4, 4)
     rng = np.random.default_rng(0)
     local = np.column_stack([rng.uniform(-0.7, 0.7, (200, 1)), rng.uniform(-0.5, 0.5, (200, 1)), np.ones(200)]) * 6
@@ -502,9 +502,9 @@ def test_realityscan_with_semicolons_and_rows_without_images(tmp_path: Path) -> 
     text = path.read_text()
     row = text.splitlines()[1]
     path.write_text(text + row.replace("a.jpg", "missing.jpg") + "\n")
-    found = read_rig(path)
-    assert_same_images(found, expected)
-    assert any("'missing'" in note for note in found.notes)
+    rig = read_rig(path)
+    assert_same_images(rig, expected)
+    assert any("'missing'" in note for note in rig.notes)
     path.write_text(text.replace(",", ";").replace(".", ",").replace("a,jpg", "a.jpg"))
     assert_same_images(read_rig(path), expected)
 

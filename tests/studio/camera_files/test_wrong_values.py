@@ -49,7 +49,7 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "code", "found", "index"),
+    ("key", "value", "code", "wrong", "index"),
     [
         ("width", "abc", "camera.not_a_number", "abc", ""),
         ("width", [1], "camera.not_a_number", [1], ""),
@@ -63,12 +63,12 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, name: s
     ],
 )
 def test_rig_json_names_the_value(
-    tmp_path: Path, key: str, value: Any, code: str, found: Any, index: str | None
+    tmp_path: Path, key: str, value: Any, code: str, wrong: Any, index: str | None
 ) -> None:
     path = tmp_path / "rig.json"
     write_rig(BENT, path)
     values = json.loads(path.read_text())
     values["cameras"][1][key] = value
     path.write_text(json.dumps(values))
-    with refuses(code, file=path, value=found, camera="b", key=key, index=index):
+    with refuses(code, file=path, value=wrong, camera="b", key=key, index=index):
         read_rig(path)

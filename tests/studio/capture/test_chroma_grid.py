@@ -35,6 +35,6 @@ def test_subsampling_and_siting(
 ) -> None:
     write_yuv(tmp_path / "a.mkv", GRAY, pixel_format, siting, codec)
     reader = VideoReader(tmp_path / "a.mkv")
-    found = reader.chroma
-    assert (None if found is None else (found.step, found.first)) == (None if step is None else (step, first))
+    grid = reader.chroma
+    assert (None if grid is None else (grid.step, grid.first)) == (None if step is None else (step, first))
     assert np.abs(reader.read(0).astype(int) - 128).max() <= 2, "the test picture is not what read() returns"

@@ -103,15 +103,15 @@ def shown(captures: Path, make: SimpleNamespace, **values: Any) -> str:
         parts: list[Any] = [footage.camera_names, footage.held_out_cameras, footage.frames, footage.fps]
         parts += [] if footage.sound is None else [footage.sound.path, footage.sound.start]
         parts += [camera.K.tolist() for camera in footage.rig] if wide else []
-        found = hashlib.sha256(repr(parts).encode())
+        digest = hashlib.sha256(repr(parts).encode())
         for camera in footage.camera_names:
             for seen in (footage.image, footage.mask, footage.evaluation_mask):
-                found.update(seen(camera, footage.frames[0]).tobytes())
+                digest.update(seen(camera, footage.frames[0]).tobytes())
             plate = footage.plate(camera)
-            found.update(b"" if plate is None else plate.tobytes())
+            digest.update(b"" if plate is None else plate.tobytes())
     except StudioError as error:
         return error.code
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def test_rig_chooses_the_camera_file(captures: Path) -> None:

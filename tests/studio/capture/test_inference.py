@@ -50,11 +50,11 @@ GRIDS: list[tuple[Callable[[str, int], str], str]] = [
 def test_grids_are_found(tmp_path: Path, name: Callable[[str, int], str], pattern: str, within: str) -> None:
     touch(tmp_path, *(within + name(camera, frame) for camera in CAMERAS for frame in FRAMES))
     touch(tmp_path, within + "notes.txt", within + "depth/cam0/0001.png", within + "masks/cam0.png")
-    found, matches = detect_images(tmp_path)
-    assert found == within + pattern
+    detected, matches = detect_images(tmp_path)
+    assert detected == within + pattern
     assert len({match.camera for match in matches}) == len(CAMERAS)
     assert len({match.frame for match in matches}) == len(FRAMES)
-    assert find_files(tmp_path, found) == matches  # so that it can be pasted
+    assert find_files(tmp_path, detected) == matches  # so that it can be pasted
 
 
 @given(
@@ -121,9 +121,9 @@ def test_images_and_masks_are_one_capture(tmp_path: Path, images: str, masks: st
     _, matches = detect_images(tmp_path)
     places = {(match.camera, match.frame) for match in matches}
     assert places == {(camera, frame) for camera in CAMERAS for frame in FRAMES}
-    found = next(all_beside(tmp_path, MASK_FOLDERS, CAMERAS), None)
-    assert {(match.camera, match.frame) for match in found[1]} == places
-    assert not {match.path for match in found[1]} & {match.path for match in matches}
+    beside = next(all_beside(tmp_path, MASK_FOLDERS, CAMERAS), None)
+    assert {(match.camera, match.frame) for match in beside[1]} == places
+    assert not {match.path for match in beside[1]} & {match.path for match in matches}
 
 
 CARDS = {
@@ -146,8 +146,8 @@ CARDS = {
 def test_folders_of_cards(tmp_path: Path, name: str) -> None:
     files, pattern = CARDS[name]
     touch(tmp_path, *files, *(file.replace(".MP4", ".LRV") for file in files))
-    found, matches = detect_images(tmp_path)
-    assert found == pattern
+    detected, matches = detect_images(tmp_path)
+    assert detected == pattern
     assert [match.path.relative_to(tmp_path).as_posix() for match in matches] == files
 
 

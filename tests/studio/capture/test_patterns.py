@@ -15,8 +15,8 @@ def touch(root: Path, *names: str) -> None:
 
 def test_a_folder_per_frame_and_wildcards(tmp_path: Path) -> None:
     touch(tmp_path, "0/images/a.jpg", "1/images/a.jpg", "1/images/b.png", "1/depth/a.png")
-    found = [(match.camera, match.frame) for match in find_files(tmp_path, "{frame}/images/{camera}.*")]
-    assert found == [("a", 0), ("a", 1), ("b", 1)]
+    places = [(match.camera, match.frame) for match in find_files(tmp_path, "{frame}/images/{camera}.*")]
+    assert places == [("a", 0), ("a", 1), ("b", 1)]
     assert len(find_files(tmp_path, "**/{camera}.png")) == 2
 
 
@@ -58,8 +58,8 @@ def test_pattern_without_camera_or_with_unknown_parts(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_common_layouts_are_detected(tmp_path: Path, files: list[str], pattern: str) -> None:
     touch(tmp_path, *files)
-    found, matches = detect_images(tmp_path)
-    assert found == pattern
+    detected, matches = detect_images(tmp_path)
+    assert detected == pattern
     assert not {match.camera for match in matches} & {"bg", "masks"}
 
 
@@ -90,5 +90,5 @@ def test_masks_of_other_layouts_are_detected(tmp_path: Path) -> None:
         ("b", "mask/{frame}/img_{camera}.png", "0001", 0),
         ("c", "mask/{camera}.mp4", "001", None),
     ):
-        found, (match,) = next(all_beside(tmp_path / folder, MASK_FOLDERS, [camera]))
-        assert (found, match.camera, match.frame) == (pattern, camera, frame)
+        detected, (match,) = next(all_beside(tmp_path / folder, MASK_FOLDERS, [camera]))
+        assert (detected, match.camera, match.frame) == (pattern, camera, frame)

@@ -63,8 +63,8 @@ def srgb(light: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["float", "half"])
 def test_exr_is_linear(tmp_path: Path, kind: str) -> None:
     path = exr(tmp_path / "a.exr", LIGHT * 2, format=kind, compression="zip16")
-    found = read_image(path)
-    assert np.abs(found - srgb(LIGHT * 2)).max() < 0.75
+    image = read_image(path)
+    assert np.abs(image - srgb(LIGHT * 2)).max() < 0.75
     assert image_header(path)[:3] == (32, 24, False)
     assert np.abs(read_image(path, "srgb") - np.clip(510 * LIGHT, 0, 255)).max() < 0.75
 
@@ -72,10 +72,10 @@ def test_exr_is_linear(tmp_path: Path, kind: str) -> None:
 def test_exr_with_alpha_is_unpremultiplied(tmp_path: Path) -> None:
     alpha = np.tile(np.linspace(0.25, 1, 32), (24, 1))[..., None]
     path = exr(tmp_path / "a.exr", np.concatenate([LIGHT * alpha, alpha], -1))
-    found = read_image(path)
+    image = read_image(path)
     assert image_header(path)[2]
-    assert np.abs(found[..., :3] - srgb(LIGHT)).max() < 0.75
-    assert np.abs(found[..., 3:] - 255 * alpha).max() < 0.75
+    assert np.abs(image[..., :3] - srgb(LIGHT)).max() < 0.75
+    assert np.abs(image[..., 3:] - 255 * alpha).max() < 0.75
 
 
 @pytest.mark.parametrize(("pixels", "white"), [("gbrp10le", 1023), ("gbrp12be", 4095), ("rgb48be", 65535)])
@@ -151,9 +151,9 @@ def test_gray_floats_beyond_the_range_are_clipped(tmp_path: Path) -> None:
     """A TIFF of floats counts in levels of 255; what is beyond is white or black, not wrapped around."""
     values = np.array([[-3.0, 0.4, 12.6], [254.7, 255.4, 300.0]], np.float32)
     Image.fromarray(values).save(tmp_path / "gray.tif")
-    found = read_image(tmp_path / "gray.tif")
-    np.testing.assert_array_equal(found[:, :, 0], [[0, 0, 13], [255, 255, 255]])
-    np.testing.assert_array_equal(found, found[:, :, :1].repeat(3, axis=2))
+    image = read_image(tmp_path / "gray.tif")
+    np.testing.assert_array_equal(image[:, :, 0], [[0, 0, 13], [255, 255, 255]])
+    np.testing.assert_array_equal(image, image[:, :, :1].repeat(3, axis=2))
 
 
 def tiff(path: Path, values: np.ndarray, extra: int | None) -> Path:

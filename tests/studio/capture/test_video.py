@@ -57,8 +57,8 @@ def test_colors_follow_the_color_matrix(tmp_path: Path, matrix: str, tag: int | 
     luma, cb, cr = (y - 16) / 219, (u - 128) / 224, (v - 128) / 224
     r, b = luma + 2 * (1 - red) * cr, luma + 2 * (1 - blue) * cb
     g = (luma - red * r - blue * b) / (1 - red - blue)
-    found = VideoReader(path, matrix).read(0)[20:40, 20:40].reshape(-1, 3).mean(0)
-    np.testing.assert_allclose(found, 255 * np.array([r, g, b]), atol=1.2)
+    mean = VideoReader(path, matrix).read(0)[20:40, 20:40].reshape(-1, 3).mean(0)
+    np.testing.assert_allclose(mean, 255 * np.array([r, g, b]), atol=1.2)
 
 
 def test_damaged_videos_are_refused(tmp_path: Path, make: SimpleNamespace) -> None:

@@ -87,8 +87,8 @@ def test_truncated_and_unreadable_images(image_folders: Path) -> None:
     text = image_folders / "images" / "right" / "000008.png"
     text.write_text("not an image")
     footage = open_footage(CaptureSettings(root=image_folders))
-    found = [(problem.code, problem.file) for problem in check_footage(footage)]
-    assert found == [("footage.image_unreadable", path) for path in (cut, text)]
+    problems = [(problem.code, problem.file) for problem in check_footage(footage)]
+    assert problems == [("footage.image_unreadable", path) for path in (cut, text)]
     with refuses("footage.image_unreadable", file=cut):
         footage.image("left", 7)
     assert footage.image("left", 6).shape == (64, 96, 3)

@@ -24,23 +24,23 @@ def footage_of(folder: Path, **views: np.ndarray | list[np.ndarray]) -> Footage:
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_patches_are_measured_in_the_order_of_the_chart(turned: bool) -> None:
-    found = find_chart(view_of_chart(NEUTRAL, seed=4, turned=turned))
-    assert not found.clipped[18:].any()
-    assert np.abs(255 * found.colors - REFERENCE).max() < 1.5
+    chart = find_chart(view_of_chart(NEUTRAL, seed=4, turned=turned))
+    assert not chart.clipped[18:].any()
+    assert np.abs(255 * chart.colors - REFERENCE).max() < 1.5
     # brown is the first patch: at the upper left of a chart that is not turned
-    first, last = found.corners[0].mean(0), found.corners[-1].mean(0)
+    first, last = chart.corners[0].mean(0), chart.corners[-1].mean(0)
     assert (first < last).all() != turned
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0, 6.0])
 def test_the_matrices_of_cameras_are_recovered(tmp_path: Path, noise: float) -> None:
     truth = matrices(5)
-    views = {f"cam{number}": view_of_chart(one, number, noise=noise) for number, one in enumerate(truth)}
+    views = {f"cam{number}": view_of_chart(matrix, number, noise=noise) for number, matrix in enumerate(truth)}
     fit = fit_chart_colors(footage_of(tmp_path, **views), 0, list(views))
     assert not fit.without
-    found = np.stack([fit.matrices[name] for name in views])
-    assert np.allclose(found.mean(0), neutral().numpy(), atol=1e-9), "the mean camera is neutral"
-    off = np.abs(found @ COLORS - truth @ COLORS).max()
+    fitted = np.stack([fit.matrices[name] for name in views])
+    assert np.allclose(fitted.mean(0), neutral().numpy(), atol=1e-9), "the mean camera is neutral"
+    off = np.abs(fitted @ COLORS - truth @ COLORS).max()
     assert off < 0.006 < 0.04 < np.abs((truth - NEUTRAL) @ COLORS).max()
     assert max(fit.after.values()) < 1.0
     assert min(fit.before.values()) > 2.0
@@ -62,8 +62,8 @@ def test_cameras_without_a_chart_and_with_a_wrong_one_are_named(tmp_path: Path) 
     assert set(fit.matrices) == {"a", "b", "c"}
     codes = {name: error.code.removeprefix("color_chart.") for name, error in fit.without.items()}
     assert codes == {"wall": "not_found", "wrong": "wrong", "bright": "camera_clipped"}
-    found = np.stack([fit.matrices[name] for name in "abc"])
-    assert np.abs(found @ COLORS - truth @ COLORS).max() < 0.006
+    fitted = np.stack([fit.matrices[name] for name in "abc"])
+    assert np.abs(fitted @ COLORS - truth @ COLORS).max() < 0.006
 
 
 def test_what_cannot_be_fitted_is_refused(tmp_path: Path) -> None:

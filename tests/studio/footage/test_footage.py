@@ -111,11 +111,11 @@ def test_a_view_at_full_size_is_that_of_footage_without_a_scale(tmp_path: Path, 
         open_footage(CaptureSettings(root=tmp_path, masks="clean_plate", scale=scale), Rig((camera,)))
         for scale in (0.5, 1.0)
     )
-    found, expected = small.full_size_view("a", 0), large.view("a", 0)
+    view, expected = small.full_size_view("a", 0), large.view("a", 0)
     for name in ("image", "mask", "plate"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    assert found.mask.any()
-    assert found.camera.to_dict() == expected.camera.to_dict()
+        assert np.array_equal(getattr(view, name), getattr(expected, name)), name
+    assert view.mask.any()
+    assert view.camera.to_dict() == expected.camera.to_dict()
     assert small.view("a", 0).image.shape == (32, 48, 3)
 
 

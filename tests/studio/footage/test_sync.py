@@ -46,8 +46,8 @@ def test_offsets_from_motion_and_their_correction(tmp_path: Path, make: SimpleNa
     assert report.method == "motion"
     assert report.whole == {"b": 3, "c": -2}
     assert report.unsure == ()
-    found = [(warning.code, warning.fields["camera"], warning.value) for warning in report.warnings()]
-    assert found == [("sync.offset", "b", 3), ("sync.offset", "c", -2)]
+    warned = [(warning.code, warning.fields["camera"], warning.value) for warning in report.warnings()]
+    assert warned == [("sync.offset", "b", 3), ("sync.offset", "c", -2)]
     assert "{b: 3}" in report.warnings()[0].fix
     aligned = open_footage(CaptureSettings(root=tmp_path, masks="none", fps=FPS, offsets=report.whole))
     assert aligned.frames == tuple(range(2, 57))  # what all cameras have

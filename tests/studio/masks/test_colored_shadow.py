@@ -52,6 +52,6 @@ def test_a_shadow_in_view_takes_nothing_from_cloth_of_its_color(color: str, ligh
     shaded = over(floor(contrast) * factor, shadow, floor(contrast))
     image = filmed(over(ORANGE * (factor + lighter * (1 - factor)), alpha, shaded), 2)
     plate = filmed(floor(contrast), 1)
-    without, mask = (difference_mask(image, Background(plate), one) for one in (DifferenceSettings(), ON))
+    without, mask = (difference_mask(image, Background(plate), settings) for settings in (DifferenceSettings(), ON))
     assert mask[alpha == 1].mean() > 0.95 * without[alpha == 1].mean() > 100
     assert mask[shadow == 1].mean() < 5

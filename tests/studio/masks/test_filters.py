@@ -19,11 +19,11 @@ def test_the_guided_filter_is_that_of_its_paper() -> None:
         slope = np.cov(near, seen, ddof=0)[0, 1] / (near.var() + epsilon)
         return slope, seen.mean() - slope * near.mean()
 
-    found = guided_filter(guide, values, radius)
+    smooth = guided_filter(guide, values, radius)
     for row, column in ((4, 4), (5, 9), (7, 7)):
         around = [line(row - radius + y, column - radius + x) for y, x in np.ndindex(2 * radius + 1, 2 * radius + 1)]
         slope, offset = np.mean(around, axis=0)
-        assert found[row, column] == pytest.approx(slope * guide[row, column] + offset, abs=1e-4)
+        assert smooth[row, column] == pytest.approx(slope * guide[row, column] + offset, abs=1e-4)
 
 
 def test_a_color_table_is_the_log_ratio_of_two_smoothed_histograms() -> None:
@@ -74,19 +74,19 @@ def scene() -> np.ndarray:
 def test_small_components_go_and_small_holes_are_filled(
     components: int, minimum: int, kept: tuple[bool, ...], holes: int
 ) -> None:
-    found = keep_components(scene(), components, minimum)
-    assert found[20, 20] == 1
-    assert (bool(found[65, 10]), bool(found[62, 32]), bool(found[61, 51])) == kept
-    assert int(not found[12, 12]) + int(not found[31, 31]) == holes
-    assert found.dtype == np.uint8
+    result = keep_components(scene(), components, minimum)
+    assert result[20, 20] == 1
+    assert (bool(result[65, 10]), bool(result[62, 32]), bool(result[61, 51])) == kept
+    assert int(not result[12, 12]) + int(not result[31, 31]) == holes
+    assert result.dtype == np.uint8
 
 
 def test_components_without_a_core_or_unlike_the_largest_go() -> None:
     core = np.zeros((80, 80), bool)
     core[20:22, 20:22] = core[65, 5:15] = core[61:63, 31:33] = True  # a line holds no 2 x 2 pixels
-    found = keep_components(scene(), 0, 5, core)
-    assert (found[20, 20], found[65, 10], found[62, 32]) == (1, 0, 1)
+    result = keep_components(scene(), 0, 5, core)
+    assert (result[20, 20], result[65, 10], result[62, 32]) == (1, 0, 1)
     likeness = np.full((80, 80), 2.0, np.float32)
     likeness[60:70, 5:15], likeness[60:65, 30:35] = 1.1, 0.9
-    found = keep_components(scene(), 0, 5, None, likeness)
-    assert (found[20, 20], found[65, 10], found[62, 32]) == (1, 1, 0)
+    result = keep_components(scene(), 0, 5, None, likeness)
+    assert (result[20, 20], result[65, 10], result[62, 32]) == (1, 1, 0)

@@ -44,9 +44,9 @@ def mask(capture: Path, camera: str = "01", text: str | None = None, **values: o
 def test_polygons_remove_what_they_surround(capture: Path, masks: str) -> None:
     text = f"01:\n  remove: [{RIGHT_HALF}]\n"
     for camera, given, stand in (("01", None, True), ("01", text, False), ("b", text, True)):
-        found = mask(capture, camera, given, masks=masks)
-        assert found[24:40, 14:26].min() == 255, "the performer is in the mask"
-        assert found[15:55, 65:85].any() == stand
+        restricted = mask(capture, camera, given, masks=masks)
+        assert restricted[24:40, 14:26].min() == 255, "the performer is in the mask"
+        assert restricted[15:55, 65:85].any() == stand
     everything = mask(capture, "01", text, masks="none")
     assert everything[:, :48].min() == 255
     assert everything[:, 48:].max() == 0

@@ -153,9 +153,9 @@ def test_chosen_labels(tmp_path: Path, make: SimpleNamespace) -> None:
 def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Write, code: str) -> None:
     spec = CaptureSettings(root=capture(tmp_path, make, ".png", write))
     for kind in ("auto", "none"):  # those of the evaluation, too
-        found = open_footage(spec.replace(masks=kind), evaluation_masks="masks/{camera}/{frame}.png").warnings
-        assert {warning.code for warning in found} == {code}
-        assert found[0].fields["cameras"] == ("a", "b")
+        warnings = open_footage(spec.replace(masks=kind), evaluation_masks="masks/{camera}/{frame}.png").warnings
+        assert {warning.code for warning in warnings} == {code}
+        assert warnings[0].fields["cameras"] == ("a", "b")
 
 
 @pytest.mark.parametrize(

@@ -75,10 +75,10 @@ def test_the_set_is_estimated_although_it_is_covered_most_of_the_time() -> None:
     median = np.median(np.stack(images), axis=0)
     covered = disc(SHAPE, 60, 80, 18) > 0
     assert np.abs(median - empty)[covered].mean() > 25
-    found = estimate_background(images.__getitem__, range(30))
-    assert np.abs(found.plate - empty)[covered].mean() < 5
+    estimated = estimate_background(images.__getitem__, range(30))
+    assert np.abs(estimated.plate - empty)[covered].mean() < 5
     for index in (3, 25):
-        mask = difference_mask(images[index], found, USUAL)
+        mask = difference_mask(images[index], estimated, USUAL)
         assert overlap(mask, disc(SHAPE, *places[index], 22)) > 0.95
 
 

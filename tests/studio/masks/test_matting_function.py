@@ -203,7 +203,7 @@ def test_only_the_largest_component_is_kept() -> None:
     mask = cv2.GaussianBlur(cv2.circle(np.zeros((64, 96)), (30, 30), 14, 1.0, -1), (0, 0), 1)
     both = mask.copy()
     both[50:60, 80:90] = 1.0
-    wanted, given = (np.rint(255 * one).astype(np.uint8) for one in (mask, both))
+    wanted, given = (np.rint(255 * alpha).astype(np.uint8) for alpha in (mask, both))
     assert np.array_equal(largest_components(given, 1), wanted)
 
 

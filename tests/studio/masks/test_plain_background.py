@@ -37,9 +37,9 @@ def test_masks_of_performers_on_a_plain_color(color: int, quality: int | None) -
     image = before(color)
     if quality:
         image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
-    found = plain_color(image)
-    assert found.tolist() == [color] * 3
-    mask, truth = plain_mask(image, found) / 255, performer()[1]
+    background = plain_color(image)
+    assert background.tolist() == [color] * 3
+    mask, truth = plain_mask(image, background) / 255, performer()[1]
     assert overlap(mask, truth) > (0.99 if quality is None else 0.96)
     assert np.abs(mask - truth).mean() < (0.005 if quality is None else 0.015)
     assert mask[SIZE // 2, SIZE // 2] == 0

@@ -62,10 +62,10 @@ def test_requests_that_fail_or_end_early_are_repeated(object_store: ObjectStore,
     video = mirrored(DAY) / "cam0.mp4"
 
     def read(seed: int) -> None:
-        found = cached_object(video)  # one for each thread, as for processes
+        stored = cached_object(video)  # one for each thread, as for processes
         places = np.random.default_rng(seed).integers(0, len(data), 40)
         for start in map(int, places):
-            assert found.read_at(start, 3000) == data[start : start + 3000]
+            assert stored.read_at(start, 3000) == data[start : start + 3000]
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(read, range(4)))

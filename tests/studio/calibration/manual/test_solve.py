@@ -73,26 +73,26 @@ def solve(points: list[TiePoint], truth: Rig, known: bool = True, **options: Any
 )
 def test_cameras_far_apart_with_known_intrinsics(count: int, points: int, options: dict) -> None:
     truth = ring(count)
-    found = solve(marked(truth, points, **options), truth)
-    assert found.rig.names == truth.names
-    difference = compare_rigs(found.rig, truth)
+    result = solve(marked(truth, points, **options), truth)
+    assert result.rig.names == truth.names
+    difference = compare_rigs(result.rig, truth)
     assert difference.center_percent < 0.4
     assert difference.rotation_degrees < 0.25
-    assert 0.2 < found.report.reprojection.mean < 0.7  # half a pixel of noise in both directions
-    assert found.report.left_out == []
-    assert found.report.metric == ("measured" in options)
-    assert found.report.known_intrinsics == list(truth.names)
+    assert 0.2 < result.report.reprojection.mean < 0.7  # half a pixel of noise in both directions
+    assert result.report.left_out == []
+    assert result.report.metric == ("measured" in options)
+    assert result.report.known_intrinsics == list(truth.names)
     if "measured" in options:  # in world coordinates, without alignment
         for camera in truth:
-            assert np.linalg.norm(found.rig[camera.name].center - camera.center) < 0.03
-        assert 0 < found.report.tie_points["point 0"].off < 0.02
+            assert np.linalg.norm(result.rig[camera.name].center - camera.center) < 0.03
+        assert 0 < result.report.tie_points["point 0"].off < 0.02
 
 
 def test_intrinsics_that_are_not_known() -> None:
     truth = ring(4, focal=1300.0)
-    found = solve(marked(truth, 24, 0.3), truth, known=False)
-    assert found.rig.cameras[0].fx == found.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
-    assert compare_rigs(found.rig, truth).center_percent < 0.6
+    result = solve(marked(truth, 24, 0.3), truth, known=False)
+    assert result.rig.cameras[0].fx == result.rig.cameras[1].fx == pytest.approx(1300, rel=0.01)
+    assert compare_rigs(result.rig, truth).center_percent < 0.6
     pinhole = CalibrateSettings(camera_model="SIMPLE_PINHOLE")
     plain = solve(marked(truth, 24, 0.3), truth, known=False, settings=pinhole)
     assert [camera.distortion.size for camera in plain.rig] == [0] * 4
@@ -107,19 +107,19 @@ def test_marks_that_are_mistakes_are_left_out_by_name() -> None:
     points = marked(truth, 20)
     x, y = points[3].pixels["02"]
     points[3].pixels["02"] = (x + 60, y - 20)
-    found = solve(points, truth)
-    assert [(mark.point, mark.camera) for mark in found.report.left_out] == [("point 3", "02")]
-    assert found.report.left_out[0].error > 30
-    assert compare_rigs(found.rig, truth).center_percent < 0.4
+    result = solve(points, truth)
+    assert [(mark.point, mark.camera) for mark in result.report.left_out] == [("point 3", "02")]
+    assert result.report.left_out[0].error > 30
+    assert compare_rigs(result.rig, truth).center_percent < 0.4
 
 
 def test_a_known_distance_gives_the_scale() -> None:
     truth = ring(4)
     away = float(np.linalg.norm(truth["00"].center - truth["02"].center))
     settings = CalibrateSettings(known_distance=("00", "02", away))
-    found = solve(marked(truth, 16), truth, settings=settings)
-    assert found.report.metric
-    assert np.linalg.norm(found.rig["01"].center - found.rig["03"].center) == pytest.approx(
+    result = solve(marked(truth, 16), truth, settings=settings)
+    assert result.report.metric
+    assert np.linalg.norm(result.rig["01"].center - result.rig["03"].center) == pytest.approx(
         np.linalg.norm(truth["01"].center - truth["03"].center), rel=0.005
     )
 
@@ -213,7 +213,9 @@ def test_what_is_odd_is_warned_of() -> None:
     x, y, z = points[2].world or (0, 0, 0)
     off = [*points[:2], replace(points[2], world=(x + 0.4, y, z)), *points[3:]]
     message = next(
-        one for one in calibration_warnings(solve(off, truth).report) if one.code == "tie_points.world_error"
+        warning
+        for warning in calibration_warnings(solve(off, truth).report)
+        if warning.code == "tie_points.world_error"
     )
     assert message.fields["points"][0] == "point 2", "the worst one first"
     large = [replace(p, world=p.world and tuple(1000 * value for value in p.world)) for p in points]

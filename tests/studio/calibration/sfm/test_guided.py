@@ -36,9 +36,9 @@ def rig(tmp_path: Path) -> tuple[Any, SfmJob, dict[int, np.ndarray]]:
     write_images(each, job)
     seen = {}
     for image in range(1, CAMERAS + 1):
-        found = [point for point in model.images[image].points2D if point.has_point3D() and rng.random() < 0.5]
-        seen[image] = np.array([point.point3D_id for point in found])
-        pixels = np.array([point.xy for point in found])
+        visible = [point for point in model.images[image].points2D if point.has_point3D() and rng.random() < 0.5]
+        seen[image] = np.array([point.point3D_id for point in visible])
+        pixels = np.array([point.xy for point in visible])
         each.write_keypoints(image, (pixels + rng.normal(0, 0.5, pixels.shape)).astype(np.float32))
         codes = pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, looks[seen[image] % len(looks)])
         each.write_descriptors(image, codes)
@@ -60,18 +60,18 @@ def test_features_that_look_alike_are_matched_where_the_rig_tells_them_apart(tmp
     model, job, seen = rig
     each, merged, out = (tmp_path / f"{name}.db" for name in ("sync_frames", "database", "guided"))
     write_guided_matches(each, merged, out, model, job, 3.0)
-    found, right, possible = 0, 0, 0
+    count, right, possible = 0, 0, 0
     guided = pycolmap.Database.open(out)
     for key in guided.read_two_view_geometry_num_inliers()[0]:
         first, second = pycolmap.pair_id_to_image_pair(key)
         matches = guided.read_two_view_geometry(first, second).inlier_matches
-        found += len(matches)
+        count += len(matches)
         right += int((seen[first][matches[:, 0]] == seen[second][matches[:, 1]]).sum())
         possible += len(np.intersect1d(seen[first], seen[second]))
     guided.close()
     assert possible >= POINTS
     assert right >= 0.9 * possible
-    assert found - right <= 0.05 * found
+    assert count - right <= 0.05 * count
 
 
 def test_a_weak_camera_is_moved_by_new_matches(tmp_path: Path, rig: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +93,7 @@ def test_a_weak_camera_is_moved_by_new_matches(tmp_path: Path, rig: Any, monkeyp
 
     monkeypatch.setattr(solver, "adjust", counted)
     again = solver.matched_again(model)
-    before, after = (compare_rigs(rig_of(one), rig_of(truth)) for one in (model, again))
+    before, after = (compare_rigs(rig_of(solved), rig_of(truth)) for solved in (model, again))
     assert after.center_percent < 0.5 < before.center_percent
     assert min(lengths) == 3
     assert not (tmp_path / "guided.db").exists()

@@ -70,31 +70,31 @@ def synthesize(
 
 def solved(folder: Path, job: SfmJob, database: str = "database.db") -> tuple[Rig, SolutionReport]:
     solve(folder, folder / database, job)
-    found = SfmSolution.model_validate_json((folder / "solution.json").read_text())
-    return Rig(tuple(map(Camera.from_dict, found.cameras))), found.report
+    solution = SfmSolution.model_validate_json((folder / "solution.json").read_text())
+    return Rig(tuple(map(Camera.from_dict, solution.cameras))), solution.report
 
 
 def test_synthetic_rig_of_eight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     truth = synthesize(tmp_path, 8, 400)
-    rig, found = solved(tmp_path, job_of(8))
-    assert (len(rig), found.mapper) == (8, "incremental")
+    rig, report = solved(tmp_path, job_of(8))
+    assert (len(rig), report.mapper) == (8, "incremental")
     difference = compare_rigs(rig, truth)
     # the limit for this noise and so few points: an adjustment that starts from the ground truth ends as far from it
     assert difference.center_percent < 0.4
     assert difference.rotation_degrees < 0.1
     poses = [camera.world_to_camera[:3].tolist() for camera in truth]
-    best, found = solved(tmp_path, job_of(8, poses=poses))
-    assert found.mapper == "known poses"
+    best, report = solved(tmp_path, job_of(8, poses=poses))
+    assert report.mapper == "known poses"
     assert compare_rigs(rig, best).center_percent < 0.02
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert {line["step"] for line in said} == {"mapping", "adjusting"}
-    assert found.match_inlier_ratio > 0.85  # of the verified matches; a tenth of all is wrong
+    assert report.match_inlier_ratio > 0.85  # of the verified matches; a tenth of all is wrong
 
 
 def test_shared_intrinsics_are_accepted(tmp_path: Path) -> None:
     truth = synthesize(tmp_path, 8, 800)
-    rig, found = solved(tmp_path, job_of(8, find_shared=True))
-    (test,) = found.sharing
+    rig, report = solved(tmp_path, job_of(8, find_shared=True))
+    (test,) = report.sharing
     assert (test.shared, test.images) == (True, [str(number) for number in range(8)])
     assert 0 < test.misfit < 3  # the noise is Gaussian here: 1 is expected
     assert len({camera.fx for camera in rig}) == 1
@@ -116,17 +116,17 @@ def test_focal_lengths_far_apart_are_tried_as_shared(tmp_path: Path, monkeypatch
     camera.params = [2.0 * camera.params[0], *camera.params[1:]]
     assert focal_spread(model, mapper.free_cameras()) == pytest.approx(2.0, rel=0.05)
     assert focal_spread(model, mapper.free_cameras() - {2}) < 1.05
-    one = mapper.with_shared_intrinsics(model)
-    assert one.num_reg_images() == 6
-    assert len({image.camera_id for image in one.images.values()}) == 1
+    shared = mapper.with_shared_intrinsics(model)
+    assert shared.num_reg_images() == 6
+    assert len({image.camera_id for image in shared.images.values()}) == 1
     assert mapper.database == path
     assert not (tmp_path / "shared.db").exists()
     with monkeypatch.context() as patch:  # a twentieth of the matches may be lost, no more
-        patch.setattr(mapper, "incremental", lambda lenient: [one])
+        patch.setattr(mapper, "incremental", lambda lenient: [shared])
         for ratio, accepted in ((0.651, True), (0.649, False)):
-            patch.setattr(mapping, "match_inlier_ratio", lambda found, _, ratio=ratio: 0.7 if found is model else ratio)
-            assert (mapper.with_shared_intrinsics(model) is one) == accepted
-    polished = mapper.polished(one, joint=True)
+            patch.setattr(mapping, "match_inlier_ratio", lambda rated, _, ratio=ratio: 0.7 if rated is model else ratio)
+            assert (mapper.with_shared_intrinsics(model) is shared) == accepted
+    polished = mapper.polished(shared, joint=True)
     ((images, growth),) = mapper.sharing
     assert images == list(range(1, 7))
     assert growth < LIMIT
@@ -142,8 +142,8 @@ def test_distortion_terms_are_estimated_last(tmp_path: Path) -> None:
     terms = [1300.0, 1280.0, 512.0, 384.0, -0.08, 0.03, 0.001, -0.002]
     truth = synthesize(tmp_path, 6, 800, model="OPENCV", terms=terms)
     job = job_of(6, becomes="OPENCV", find_shared=True)
-    rig, found = solved(tmp_path, job)
-    assert (len(rig), found.sharing[0].shared) == (6, True)
+    rig, report = solved(tmp_path, job)
+    assert (len(rig), report.sharing[0].shared) == (6, True)
     assert {camera.distortion.size for camera in rig} == {4}
     np.testing.assert_allclose([rig["0"].fx, rig["0"].fy], terms[:2], rtol=2e-3)
     # near the image centers, where the points are, the distortion equals that of the true lens
@@ -162,14 +162,14 @@ def test_pixels_that_are_not_square(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     """Their aspect ratio is estimated, and improves the cameras; square ones remain square."""
     truth = synthesize(tmp_path, 8, 800, zooms=[np.array([aspect, 1])] * 8)
     shutil.copyfile(tmp_path / "database.db", tmp_path / "again.db")
-    rig, found = solved(tmp_path, job_of(8, find_shared=True))
+    rig, report = solved(tmp_path, job_of(8, find_shared=True))
     ratios = [camera.fx / camera.fy for camera in rig]
     if aspect == 1:
-        assert found.aspect == 1
+        assert report.aspect == 1
         assert set(ratios) == {1}
         return
-    np.testing.assert_allclose(ratios, found.aspect, rtol=1e-9)
-    assert found.aspect == pytest.approx(aspect, abs=3e-4)
+    np.testing.assert_allclose(ratios, report.aspect, rtol=1e-9)
+    assert report.aspect == pytest.approx(aspect, abs=3e-4)
     assert rig["0"].fy == pytest.approx(1280, rel=1e-3)
     with np.load(tmp_path / "points.npz") as arrays:
         points, seen = arrays["points"], arrays["observations"]
@@ -199,8 +199,8 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     pycolmap.geometric_verification(tmp_path / "database.db")
     guess_focal_lengths(tmp_path / "database.db", tmp_path, range(1, 7), job.seed)
     with pycolmap.Database.open(tmp_path / "database.db") as database:
-        found = [camera.mean_focal_length() for camera in database.read_all_cameras()]
-    np.testing.assert_allclose(found, 1280, rtol=0.08)
+        focal_lengths = [camera.mean_focal_length() for camera in database.read_all_cameras()]
+    np.testing.assert_allclose(focal_lengths, 1280, rtol=0.08)
 
 
 def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -217,8 +217,8 @@ def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFix
     poses = [camera.world_to_camera[:3].tolist() for camera in before]
     off = compare_rigs(Rig(tuple(before)), truth)
     job = job_of(6, poses=poses)
-    rig, found = solved(tmp_path, job)
-    assert found.mapper == "known poses"
+    rig, report = solved(tmp_path, job)
+    assert report.mapper == "known poses"
     difference = compare_rigs(rig, truth)
     assert difference.center_percent < 0.3 < off.center_percent
     assert difference.rotation_degrees < 0.1 < off.rotation_degrees

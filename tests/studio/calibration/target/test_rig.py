@@ -145,9 +145,9 @@ def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
         corners = np.column_stack([shape[:, 0], page_height - shape[:, 1]]) * 4 - 0.5
         cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], 0, cv2.LINE_8, 4)
     view = target.detect(image)
-    found = view.pixels[np.argsort(view.ids)].reshape(3, 4, 2) / 4
-    np.testing.assert_allclose(np.diff(found[:, :, 0], axis=1), 30.0, atol=0.1)
-    np.testing.assert_allclose(np.diff(found[:, :, 1], axis=0), 30.0, atol=0.1)
+    places = view.pixels[np.argsort(view.ids)].reshape(3, 4, 2) / 4
+    np.testing.assert_allclose(np.diff(places[:, :, 0], axis=1), 30.0, atol=0.1)
+    np.testing.assert_allclose(np.diff(places[:, :, 1], axis=0), 30.0, atol=0.1)
     again = tmp_path / "again.pdf"
     write_target_pdf(target, again, paper="a4")
     assert again.read_bytes() == (tmp_path / "board.pdf").read_bytes()
@@ -168,12 +168,12 @@ def test_rig_from_a_target() -> None:
     middle = target_pose[:3, :3] @ CHARUCO.middle + target_pose[:3, 3]
     axes = np.stack([target_pose[:3, 0], target_pose[:3, 2], -target_pose[:3, 1]])
     for camera in rig:
-        found = result.rig[camera.name]
-        assert np.linalg.norm(found.center - axes @ (camera.center - middle)) < 0.006
-        assert np.degrees(np.arccos(np.clip(found.forward @ (axes @ camera.forward), -1, 1))) < 0.3
-        assert found.fx == pytest.approx(camera.fx, rel=0.005)
-        assert (found.cx, found.cy) == pytest.approx((camera.cx, camera.cy), abs=2.5)
-        assert found.distortion[0] == pytest.approx(camera.distortion[0], abs=0.02)
+        estimated = result.rig[camera.name]
+        assert np.linalg.norm(estimated.center - axes @ (camera.center - middle)) < 0.006
+        assert np.degrees(np.arccos(np.clip(estimated.forward @ (axes @ camera.forward), -1, 1))) < 0.3
+        assert estimated.fx == pytest.approx(camera.fx, rel=0.005)
+        assert (estimated.cx, estimated.cy) == pytest.approx((camera.cx, camera.cy), abs=2.5)
+        assert estimated.distortion[0] == pytest.approx(camera.distortion[0], abs=0.02)
     assert 0.15 < result.report.reprojection.mean < 0.3  # the noise only
     assert result.report.metric is True
     figures = result.report.target
@@ -231,9 +231,9 @@ def test_intrinsics_alone_agree_with_opencv() -> None:
     world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
     _, K, distortion, _, _ = cv2.calibrateCamera(world, pixels, SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
-    found = intrinsics["cam0"]
-    np.testing.assert_allclose(found.cv2_K, K, atol=0.3)
-    np.testing.assert_allclose(found.distortion, np.ravel(distortion)[:4], atol=3e-3)
+    estimated = intrinsics["cam0"]
+    np.testing.assert_allclose(estimated.cv2_K, K, atol=0.3)
+    np.testing.assert_allclose(estimated.distortion, np.ravel(distortion)[:4], atol=3e-3)
     assert figures["cam0"].views == 15
     assert figures["cam0"].mean < 0.2
 

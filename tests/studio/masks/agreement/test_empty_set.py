@@ -57,6 +57,6 @@ def test_the_set_is_seen_where_the_performer_has_left(first: Background) -> None
 def test_a_performer_who_stands_still_is_found_before_the_set_that_cameras_agree_on(first: Background) -> None:
     neighbors, exact = [filmed(1), filmed(2)], performer(60)
     behind = again(first, [performer(column) for column in STANDS])
-    alone, agreed = (evidence_of(filmed(0), neighbors, one, DifferenceSettings()) for one in (first, behind))
-    found = [overlap(odds > 0, exact) for odds in (alone, agreed)]
-    assert found[1] > max(0.8, found[0])
+    alone, agreed = (evidence_of(filmed(0), neighbors, plate, DifferenceSettings()) for plate in (first, behind))
+    overlaps = [overlap(odds > 0, exact) for odds in (alone, agreed)]
+    assert overlaps[1] > max(0.8, overlaps[0])
