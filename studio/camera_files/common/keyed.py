@@ -188,8 +188,10 @@ def keyed_camera(folder: Path, name: str, entry: Mapping[str, Any], form: KeyedF
     if pose is None:
         return None
     distortion = _distortion(name, given)
+    # read before the size, for which footage may be missing, so that an error names a wrong key
+    matrices = [(key, value[:3, :3]) for key, value in _arrays(name, given, "K", ((3, 3), (3, 4), (4, 4)))]
     width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(folder, name, name))
-    K = _K(name, given, width, height, form.centered)
+    K = _K(name, given, matrices, (width, height), form.centered)
     if not form.corner:
         K[:2, 2] += 0.5
     (notes.straight if distortion is None else notes.bent).append(name)
@@ -292,8 +294,11 @@ def _arrays(
     return matrices
 
 
-def _K(name: str, given: _Given, width: int, height: int, centered: bool) -> np.ndarray:
-    """(3, 3) with the pixel origin of the file. Values under several keys must agree."""
+def _K(
+    name: str, given: _Given, matrices: list[tuple[str, np.ndarray]], size: tuple[int, int], centered: bool
+) -> np.ndarray:
+    """(3, 3) with the pixel origin of the file. Values under several keys, also of `matrices`, must agree."""
+    width, height = size
     parts = {key: _scalars(name, given, key) for key in ("fx", "fy", "cx", "cy")}
     for angle, focal, side in (("angle_x", "fx", width), ("angle_y", "fy", height)):
         for key, radians in _scalars(name, given, angle):
@@ -302,7 +307,6 @@ def _K(name: str, given: _Given, width: int, height: int, centered: bool) -> np.
                 fix = "Correct it in the camera file; angles are in radians."
                 raise camera_error("camera.field_of_view", name, problem, value=radians, fix=fix, key=key)
             parts[focal].append((key, 0.5 * side / float(np.tan(0.5 * radians))))
-    matrices = [(key, value[:3, :3]) for key, value in _arrays(name, given, "K", ((3, 3), (3, 4), (4, 4)))]
     if matrices:
         K = agreeing(name, matrices).copy()
         for part, value in zip(parts.values(), (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), strict=True):

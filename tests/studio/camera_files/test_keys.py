@@ -254,6 +254,15 @@ def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> No
     assert not any("'fl_y'" in note for note in rig.notes)
 
 
+def test_a_wrong_key_is_named_before_the_size_that_it_replaced(tmp_path: Path) -> None:
+    def change(values: JsonObject) -> JsonObject:
+        rest = {key: value for key, value in values.items() if key != "resolution"}
+        return {**rest, "k": values["resolution"]}
+
+    with refuses("camera.wrong_shape", camera="cam0", key="k"):
+        read_rig(FORMS["panoptic"][0](tmp_path, change))
+
+
 def test_transposed_matrices_of_transforms(tmp_path: Path) -> None:
     def change(values: JsonObject) -> JsonObject:
         key = "transform_matrix"
