@@ -15,6 +15,7 @@ from v3studio.studio.camera_files.common.keyed import NO_DISTORTION
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
 from v3studio.studio.errors import StudioError
+from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.validation import check_finite
 
 _FOLDERS = ("", "videos", "images", "frames")
@@ -25,6 +26,8 @@ def read(file: CameraFile) -> Rig:
     try:
         rows = np.load(file.path, allow_pickle=False)
     except Exception as error:  # NumPy raises even tokenize.TokenError for a damaged head
+        if is_out_of_memory(error):
+            raise
         raise _invalid(f"not a NumPy array ({error})") from None
     if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "fiu" or not len(rows):
         raise _invalid(f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")

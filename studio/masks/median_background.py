@@ -21,6 +21,7 @@ from v3studio.studio.capture.settings import DifferenceSettings
 from v3studio.studio.masks.clean_plate import Background, difference_evidence
 from v3studio.studio.masks.filters import color_bins, color_table, guided_filter, odds_of_colors, reduced
 from v3studio.studio.masks.mask_source import evenly_spaced
+from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.memory_cache import MemoryCache
 
 _SIDE = 480  # longest side while estimating
@@ -192,8 +193,9 @@ def cached_background(folder: Path | None, key: str, make: Callable[[], Backgrou
     try:
         with np.load(path) as file:
             return Background(**{name: file[name] for name in file.files})
-    except Exception:  # whatever NumPy, zipfile and zlib raise for a file that is missing or damaged: recomputed
-        pass
+    except Exception as error:  # whatever NumPy, zipfile and zlib raise for a file that is missing or damaged
+        if is_out_of_memory(error):
+            raise
     made = make()
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         parts = {name: getattr(made, name) for name in Background.__dataclass_fields__}
