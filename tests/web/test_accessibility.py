@@ -58,6 +58,33 @@ def test_text_has_contrast_on_every_background(page, background):
     have_contrast(page, ".settings h2", ".settings h3 >> nth=0", ".settings [value='true'] + span")
 
 
+@pytest.fixture(params=["light", "dark"])
+def high_contrast(request, page):
+    """The page in the system's high contrast: forced colors, of a light and a dark theme."""
+    page.handle.emulate_media(forced_colors="active", color_scheme=request.param)
+    yield page
+    page.handle.emulate_media(forced_colors="none", color_scheme="light")
+
+
+def test_controls_are_visible_in_high_contrast(high_contrast):
+    page = high_contrast
+    page.call("seek", 0.3)
+    page.handle.mouse.move(320, 60)
+    page.handle.wait_for_timeout(500)  # transitions
+    shown = page.handle.locator("v3-player .bar button:visible")
+    buttons = shown.evaluate_all("all => all.map(button => button.dataset.act)")
+    assert {"play", "settings"} <= set(buttons)
+    have_contrast(page, *(f".bar [data-act='{act}']" for act in buttons), ".track", ".now")
+    page.click("settings")
+    have_contrast(page, ".settings .close", ".settings h2")
+    grounds = """() => {
+      const root = document.querySelector('v3-player').shadowRoot;
+      const choices = ['[value="1"] + span', '[value="2"] + span', '.swatch.white', '.swatch.green'];
+      return choices.map(choice => getComputedStyle(root.querySelector(choice)).backgroundColor);
+    }"""
+    assert len(set(page.evaluate(grounds))) == 4, "what is chosen looks different, and colors are those to choose from"
+
+
 @pytest.mark.parametrize("size", [(390, 844), (740, 360)])
 def test_everything_to_touch_has_44_pixels(page, size):
     page.handle.set_viewport_size({"width": size[0], "height": size[1]})
