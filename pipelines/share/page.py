@@ -10,6 +10,7 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
+from v3studio.pipelines.share.player_files import REST_PREFIX
 from v3studio.pipelines.takes.results.videos import decoded_video, open_reader, stream_numbers
 from v3studio.pipelines.version import program_version
 from v3studio.studio.bounded_files import parse_json
@@ -97,7 +98,11 @@ def player_page(
     attributes = [f'{name}="{escape(value)}"' for name, value in attribute_values.items() if value]
     if not stream.startswith("#"):
         head = [_early_files(stream, first), *head]
-    element = f"<v3-player {' '.join(attributes)} page autoplay loop controls></v3-player>"
+    inside = ""
+    if poster and not stream.startswith("#"):  # seen before the script has arrived
+        caption = f"<h1>{escape(text.title)}</h1>" if text.title else ""
+        inside = f'<img src="{escape(poster)}" alt="" fetchpriority="high">{caption}'
+    element = f"<v3-player {' '.join(attributes)} page autoplay loop controls>{inside}</v3-player>"
     page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
     page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
     page = _PLAYER.sub(lambda _: element, page)
@@ -106,7 +111,8 @@ def player_page(
 
 def script_elements(names: Iterable[str], folder: str = "") -> str:
     """Elements that load the scripts among the files of a folder, whose address is relative to the page."""
-    return "\n".join(f'<script type="module" src="{folder}{name}"></script>' for name in names if name.endswith(".js"))
+    own = [name for name in names if name.endswith(".js") and not name.startswith(REST_PREFIX)]
+    return "\n".join(f'<script type="module" src="{folder}{name}"></script>' for name in own)
 
 
 def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> list[str]:
@@ -205,21 +211,18 @@ def read_view(text: str) -> str:
 
 
 def _early_files(stream: str, first: Sequence[str]) -> str:
-    """Element that fetches the manifest and the files with which playback begins while the player's script is loading;
-    the player takes what arrives, and requests the rest. Preload links would not revalidate the manifest, and are not
-    for workers. Links to another time begin with other files."""
+    """Element that fetches the manifest while the player's script is loading, and tells the script the files with which
+    playback begins. Preload links would not revalidate the manifest, and are not for workers. Links to another time
+    begin with other files."""
     folder = stream[: stream.rfind("/") + 1]
     address = _in_json(json.dumps(stream))
     addresses = _in_json(json.dumps({path: folder + path for path in first}))
     return f"""<script>
 {{
-  const get = (address, cache) => fetch(address, {{ cache }}).catch(() => null);
-  const query = new URLSearchParams(location.search);
-  const files = Object.entries(query.has("t") ? {{}} : {addresses});
   window.v3Early = {{
     address: {address},
-    response: get({address}, "no-cache"),
-    files: Object.fromEntries(files.map(([path, address]) => [path, get(address, "default")])),
+    response: fetch({address}, {{ cache: "no-cache" }}).catch(() => null),
+    files: new URLSearchParams(location.search).has("t") ? {{}} : {addresses},
   }};
 }}
 </script>"""

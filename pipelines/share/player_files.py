@@ -1,27 +1,35 @@
 """The built browser player: its page and its scripts."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from v3studio.studio.errors import StudioError
 
-SCRIPT_NAME, REVIEW_NAME = "v3-player.js", "v3-review.js"
+SCRIPT_NAME, FIRST_NAME, REVIEW_NAME = "v3-player.js", "v3-first.js", "v3-review.js"
+REST_PREFIX = "v3-rest-"
+"""With which the name of the part begins that the first one fetches once there is an image."""
 
 
 @dataclass(frozen=True)
 class PlayerFiles:
-    """The player's files. `review`: what only `v3studio serve --review` adds to the page, a JavaScript module."""
+    """The player's files. `script`: all of it, for pages of one file. `review`: what only `v3studio serve --review`
+    adds to the page, a JavaScript module. `parts`: the script in two parts, by their names; pages on servers load the
+    first, which loads the other."""
 
     page: str
     script: bytes
     review: bytes
+    parts: Mapping[str, bytes]
 
     def hashed(self, review: bool = False) -> dict[str, bytes]:
         """The scripts that a page loads, by hashed names: caches may keep them for good, as new ones have new names."""
-        scripts = {SCRIPT_NAME: self.script} | ({REVIEW_NAME: self.review} if review else {})
-        return {hashed_name(name, data): data for name, data in scripts.items()}
+        scripts = dict(self.parts) | ({REVIEW_NAME: self.review} if review else {})
+        # The first part has the name of the other, which already has its hash.
+        name_of = {name: name if name.startswith(REST_PREFIX) else hashed_name(name, scripts[name]) for name in scripts}
+        return {name_of[name]: data for name, data in scripts.items()}
 
     @property
     def size(self) -> int:
@@ -46,6 +54,7 @@ def read_player() -> PlayerFiles:
             (folder / "index.html").read_text(encoding="utf-8"),
             (folder / SCRIPT_NAME).read_bytes(),
             (folder / REVIEW_NAME).read_bytes(),
+            {path.name: path.read_bytes() for path in (folder / FIRST_NAME, *folder.glob(f"{REST_PREFIX}*.js"))},
         )
     except OSError as error:
         raise StudioError("share.no_player", "the browser player is not built", fix="Run `make web`.") from error

@@ -50,7 +50,7 @@ def head(page: Page) -> tuple[str, str]:
 
 
 def fetched_once(page: Page, manifest: str, stream: Path) -> None:
-    """The page fetches the manifest and the first group before its worker starts, and nobody fetches them again."""
+    """The page fetches the manifest before its worker starts, and the first group, and nobody fetches them again."""
     requests = page.requests
     first = first_files((stream / "manifest.json").read_bytes())
     assert len(first) == 2
@@ -58,7 +58,7 @@ def fetched_once(page: Page, manifest: str, stream: Path) -> None:
     for file in ("manifest.json", *first):
         address = manifest.replace("manifest.json", file)
         assert requests.count(address) == 1, requests
-        assert requests.index(address) < worker
+    assert requests.index(manifest) < worker
     # requests of the worker are listed, too
     assert any(request.endswith(".mp4") for request in requests[worker:]), requests
 

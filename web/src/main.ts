@@ -54,7 +54,10 @@ if ("customElements" in globalThis && customElements.get("v3-player") === undefi
     } catch {
       // the element says why
     }
-    if (link.attributes.has("src")) for (const name of OWN) page.removeAttribute(name);
+    if (link.attributes.has("src")) {
+      for (const name of OWN) page.removeAttribute(name);
+      page.replaceChildren();
+    }
     for (const [name, value] of link.attributes) page.setAttribute(name, value);
   }
   customElements.define("v3-player", V3PlayerElement);

@@ -9,8 +9,13 @@ import { HttpSource } from "../src/worker/http.ts";
 const PAGE = "https://example.org/secret/take/";
 const MANIFEST = `${PAGE}stream/manifest.json`;
 
+/** What the page's own requests of files get, by address. */
+let answers = new Map<string, Promise<Response | null>>();
+
 function page(response: Promise<Response | null>, files: Record<string, Promise<Response | null>> = {}): void {
-  const left: EarlyFiles = { address: "stream/manifest.json", response, files };
+  answers = new Map(Object.entries(files).map(([path, found]) => [`early ${path}`, found]));
+  const addresses = Object.fromEntries(Object.keys(files).map((path) => [path, `early ${path}`]));
+  const left: EarlyFiles = { address: "stream/manifest.json", response, files: addresses };
   Object.assign(globalThis, { window: { v3Early: left }, document: { baseURI: PAGE } });
 }
 
@@ -19,6 +24,8 @@ const answer = (text: string): Promise<Response> => Promise.resolve(new Response
 /** What the worker fetches itself. */
 const fetched: string[] = [];
 globalThis.fetch = (url): Promise<Response> => {
+  const early = answers.get(url as string);
+  if (early !== undefined) return early as Promise<Response>;
   fetched.push((url as string).slice(PAGE.length));
   return answer("right");
 };

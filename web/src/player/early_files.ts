@@ -1,5 +1,5 @@
-/** What a page begins to fetch before the player's script has arrived: the manifest, and the files with which playback
- * begins. */
+/** What is fetched before the worker runs: the manifest, which the page requests before the player's script has arrived, and the
+ * files with which playback begins. These wait for the script, with which they would share the line. */
 
 import { inTime } from "../stream/errors.ts";
 import type { EarlyPorts } from "../worker/messages.ts";
@@ -10,8 +10,8 @@ export interface EarlyFiles {
   readonly address: string;
   /** The manifest; null if the request has failed. */
   readonly response: Promise<Response | null>;
-  /** Files of the stream by their paths in it. */
-  readonly files?: Readonly<Record<string, Promise<Response | null>>>;
+  /** Addresses of the first files by their paths in the stream. */
+  readonly files?: Readonly<Record<string, string>>;
 }
 
 declare global {
@@ -29,8 +29,8 @@ export function takeEarlyFiles(url: string): EarlyPorts {
   if (early === undefined || new URL(early.address, document.baseURI).href !== url) return {};
   delete window.v3Early;
   const manifest = new URL(url).pathname.split("/").at(-1)!;
-  const files = Object.entries({ [manifest]: early.response, ...early.files });
-  return Object.fromEntries(files.map(([path, response]) => {
+  const files = Object.entries(early.files ?? {}).map(([path, file]) => [path, fetch(file).catch(() => null)] as const);
+  return Object.fromEntries([[manifest, early.response] as const, ...files].map(([path, response]) => {
     const { port1, port2 } = new MessageChannel();
     void send(port1, response);
     return [path, port2];
