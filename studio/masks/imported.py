@@ -49,7 +49,7 @@ def _module(name: str, path: str) -> ModuleType:
 
 @contextmanager
 def _without_working_directory() -> Iterator[None]:
-    wanted = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    wanted = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(entry)]
     before = list(sys.path)
     here = Path.cwd().resolve()
     sys.path[:] = [entry for entry in before if entry in wanted or (entry and Path(entry).resolve() != here)]

@@ -249,9 +249,11 @@ def test_a_source_by_import_path(three_videos: Path, tmp_path: Path, monkeypatch
         return CaptureSettings(root=three_videos, masks=f"{module.stem}:{name}", **values)  # type: ignore[arg-type]
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with refuses("mask.cannot_import", value=settings().masks):
-        open_footage(settings())  # what lies in the working directory is not run: it may be anybody's
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    for entry in ("", str(tmp_path)):  # the first is that of an interactive Python
+        monkeypatch.syspath_prepend(entry)
+        with refuses("mask.cannot_import", value=settings().masks):
+            open_footage(settings())  # what lies in the working directory is not run: it may be anybody's
     monkeypatch.chdir(tmp_path.parent)
     footage = open_footage(settings())
     assert np.abs(footage.mask("cam1", 6) - footage.image("cam1", 6).mean(axis=2)).max() <= 0.5
