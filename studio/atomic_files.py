@@ -171,7 +171,7 @@ def link_or_copy(source: str, target: str) -> None:
 
 
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-_told_of_locks = threading.Event()
+told_of_locks = threading.Event()
 
 
 def lock(
@@ -189,8 +189,8 @@ def lock(
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
-        if not _told_of_locks.is_set():
-            _told_of_locks.set()
+        if not told_of_locks.is_set():
+            told_of_locks.set()
             problem = "this file system has no locks: if two machines change the same take or queue at once, changes "
             problem += "may be lost"
             fix = "Use one machine at a time, or mount it with locks (NFS 4; Lustre with -o flock)."

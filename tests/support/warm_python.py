@@ -293,7 +293,7 @@ def lose_locks(put: Callable[[object, str, object], None] = setattr) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
     put(atomic_files, "fcntl", SimpleNamespace(**{**vars(fcntl), "flock": flock}))
-    put(atomic_files, "_told_of_locks", threading.Event())
+    put(atomic_files, "told_of_locks", threading.Event())
 
 
 def _run(arguments: list[str]) -> None:
