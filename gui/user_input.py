@@ -64,18 +64,28 @@ class KeysOverPanels:
         return True
 
 
-class Keyboard:
-    """Gives keys to the dialog that is open, to what lies over the panels, or to a command. `settings`: the list on
-    screen. `escapes`: what Escape does while no dialog or menu is open: the first of these that returns True."""
+class UserInput:
+    """Passes events on to the toolkit, follows the mouse, and gives keys to the open dialog, to what lies over panels,
+    or to a command. `escapes`: what Escape does while no dialog or menu is open: the first that returns True.
+    `buttons`: the pressed mouse buttons, where `keys` does not see them."""
 
     def __init__(
         self, keys: InputOrder, chords: Chords, dialogs: Dialogs, closing: CloseRequests, menu_bar: MenuBar,
-        actions: Actions, over: KeysOverPanels, settings: Callable[[], SettingsList],
-        escapes: Sequence[Callable[[], object]], changed: Callable[[], None],
+        panels: Panels, actions: Actions, over: KeysOverPanels, escapes: Sequence[Callable[[], object]],
+        buttons: Callable[[], int], changed: Callable[[], None],
     ) -> None:  # fmt: skip
-        self._reports, self._chords, self._dialogs, self._closing = keys.reports, chords, dialogs, closing
-        self._menu_bar, self._actions, self._over, self._settings = menu_bar, actions, over, settings
-        self._escapes, self._changed = escapes, changed
+        self._input, self._chords, self._dialogs, self._closing = keys, chords, dialogs, closing
+        self._menu_bar, self._panels, self._actions, self._over = menu_bar, panels, actions, over
+        self._escapes, self._pressed, self._changed = escapes, buttons, changed
+        self.buttons = 0
+        self._pointer: tuple[int, int] | None = None
+        keys.wanted = self._pointed
+
+    @property
+    def _settings(self) -> SettingsList:
+        """The list of settings on screen."""
+        stages = self._panels.stages
+        return stages.settings[stages.selected]
 
     def on_key(self, event: gui.KeyEvent) -> bool:
         """Handle a key event of the toolkit; returns whether it is not to be handled further."""
@@ -83,14 +93,14 @@ class Keyboard:
         LOOP.run()  # what is typed is for what a chosen item opens
         is_new, press = True, None
         if event.type == gui.KeyEvent.Type.DOWN:
-            is_new, press = self._reports.reported(key_code(event.key))
+            is_new, press = self._input.reports.reported(key_code(event.key))
         modifier = chords.note(event, press)
         if modifier and event.type == gui.KeyEvent.Type.UP:
             self._actions.search.show_expected()
         if event.key == gui.KeyName.ESCAPE:
             self._closing.escape()
             if event.type == gui.KeyEvent.Type.DOWN and is_new and not chords.again:
-                self.escape()
+                self._escape()
             return True
         if event.key == gui.KeyName.ENTER and (dialogs.name or dialogs.expected):
             if event.type == gui.KeyEvent.Type.UP:
@@ -105,7 +115,7 @@ class Keyboard:
             return True
         if modifier or event.type != gui.KeyEvent.Type.DOWN or dialogs.name:
             return False
-        settings = self._settings()
+        settings = self._settings
         if event.key == gui.KeyName.ENTER:
             settings.edited = False
         if settings.edited and not chords.control and typed_code(event.key) is not None:
@@ -126,7 +136,7 @@ class Keyboard:
         self._changed()
         return True
 
-    def escape(self) -> None:
+    def _escape(self) -> None:
         """Do what Escape stands for: leave what was opened last."""
         if self._dialogs.name or self._dialogs.expected:
             self._dialogs.on_escape()
@@ -136,23 +146,6 @@ class Keyboard:
         else:
             any(leave() for leave in self._escapes)
         self._changed()
-
-
-class UserInput:
-    """Passes events on to the toolkit, and follows the mouse. `settings`: the list on screen. `buttons`: the pressed
-    mouse buttons, where `keys` does not see them."""
-
-    def __init__(
-        self, keys: InputOrder, keyboard: Keyboard, chords: Chords, dialogs: Dialogs, menu_bar: MenuBar,
-        panels: Panels, actions: Actions, settings: Callable[[], SettingsList], buttons: Callable[[], int],
-        changed: Callable[[], None],
-    ) -> None:  # fmt: skip
-        self._input, self._keyboard, self._chords, self._dialogs = keys, keyboard, chords, dialogs
-        self._menu_bar, self._panels, self._actions, self._settings = menu_bar, panels, actions, settings
-        self._pressed, self._changed = buttons, changed
-        self.buttons = 0
-        self._pointer: tuple[int, int] | None = None
-        keys.wanted = self._pointed
 
     def tick(self) -> bool:
         """Pass events on to the toolkit. Call at each tick; returns whether there were any."""
@@ -166,7 +159,7 @@ class UserInput:
             self._changed()
         keys.reports.dialog = bool(dialogs.name)  # what came may have closed it
         if keys.reports.escape_kept():  # by a text field, which only restores its text
-            self._keyboard.escape()
+            self._escape()
         self._watch_mouse()
         return bool(came)
 
@@ -181,7 +174,7 @@ class UserInput:
         self._pointer = pointer
         if pointer != before:
             self._actions.edits.moved(self._in_view(pointer))
-            if pointer is not None and holds(self._settings().widget, *pointer):
+            if pointer is not None and holds(self._settings.widget, *pointer):
                 self._changed()  # a tooltip has the size of the one before it until the second draw
 
     def _in_view(self, pointer: tuple[int, int] | None) -> tuple[float, float] | None:
@@ -199,7 +192,7 @@ class UserInput:
             self._menu_bar.closed()
             return True
         if kind == Kind.PRESS and button == 1:
-            settings = self._settings()
+            settings = self._settings
             self._panels.hints.press(x, y, (*self._panels.controls.lists, *settings.lists))
             settings.press(x, y)
         if kind == Kind.MOVE:

@@ -55,7 +55,7 @@ from v3studio.gui.platform.presses import Chords
 from v3studio.gui.platform.x_window import XDisplay
 from v3studio.gui.state import StateLog, output_state, panel_state, playback_state, take_state
 from v3studio.gui.updates import mark_timeline, path_pictures, update_buttons, update_inspector, update_status
-from v3studio.gui.user_input import Keyboard, KeysOverPanels, UserInput
+from v3studio.gui.user_input import KeysOverPanels, UserInput
 from v3studio.gui.viewport import Viewport
 from v3studio.gui.widgets.camera_menu import CameraMenu
 from v3studio.gui.widgets.controls import ControlsPanel
@@ -67,7 +67,6 @@ from v3studio.gui.widgets.notice_bar import NoticeBar
 from v3studio.gui.widgets.path_panel import PathPanel
 from v3studio.gui.widgets.picture import make_label, put
 from v3studio.gui.widgets.raycast import RaycastMesh
-from v3studio.gui.widgets.settings import SettingsList
 from v3studio.gui.widgets.stages import StagesPanel
 from v3studio.gui.widgets.swap_guard import SwapGuard
 from v3studio.gui.widgets.timeline import TimelinePanel
@@ -223,20 +222,14 @@ class MainWindow:
             lambda: self.layout.set_fullscreen(False),
         )
 
-        def settings() -> SettingsList:
-            return panels.stages.settings[panels.stages.selected]
-
         over = KeysOverPanels(panels, views, self.notices, self._chords, self._pasting)
-        keyboard = Keyboard(
-            self._input, self._chords, dialogs, self.close_requests, bar, actions, over, settings, escapes, self.changed
-        )
         self._user = UserInput(
-            self._input, keyboard, self._chords, dialogs, bar, panels, actions, settings, lambda: self._x.buttons,
-            self.changed,
+            self._input, self._chords, dialogs, self.close_requests, bar, panels, actions, over, escapes,
+            lambda: self._x.buttons, self.changed,
         )  # fmt: skip
         self.window.set_on_layout(self.layout.place)
         self.window.set_on_tick_event(self.tick)
-        self.window.set_on_key(keyboard.on_key)
+        self.window.set_on_key(self._user.on_key)
         self.window.set_on_close(self.close_requests.asked)
         for number, item in enumerate(ITEMS.values(), start=1):
             self.window.set_on_menu_item_activated(number, partial(self._user.item_chosen, item))
