@@ -1,5 +1,6 @@
 """A small stream to open, and a real window on a private X server, driven by real mouse and keyboard events."""
 
+import contextlib
 import itertools
 import json
 import math
@@ -470,19 +471,26 @@ def take(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copytree(finished / "take", tmp_path_factory.mktemp("window") / "take"))
 
 
+@contextlib.contextmanager
+def running(*arguments: Any, **options: Any) -> Iterator[RunningWindow]:
+    """A window, with the arguments of `RunningWindow`, that must not have failed until it is closed."""
+    window = RunningWindow(*arguments, **options)
+    try:
+        yield window
+        assert window.close() == 0, window.stderr.read_text()[-2000:]
+        assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
+    finally:
+        window.process.kill()
+
+
 @pytest.fixture(scope="module")
 def shared_window(display: str, take: Path, request: pytest.FixtureRequest) -> Iterator[RunningWindow]:
     """A window on the take, for all tests of a file, which may have `ARGUMENTS` for it."""
     arguments = getattr(request.module, "ARGUMENTS", ())
-    window = RunningWindow(display, take.with_name("state.jsonl"), str(take), *arguments)
-    try:
+    with running(display, take.with_name("state.jsonl"), str(take), *arguments) as window:
         window.wait_for("the take", lambda s: ready(s) and s["stages"]["review"][0] == "done")
         yield window
-        assert window.close() == 0, window.stderr.read_text()[-2000:]
-        assert "Traceback" not in window.stderr.read_text()
-        assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
-    finally:
-        window.process.kill()
+    assert "Traceback" not in window.stderr.read_text()
 
 
 @pytest.fixture

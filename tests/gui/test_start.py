@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.gui.conftest import RunningWindow, ready
+from tests.gui.conftest import RunningWindow, ready, running
 from tests.support.waiting import wait_until
 from v3studio.gui.platform.clipboard import Clipboard
 from v3studio.pipelines.batch.queue_file import QueueFile
@@ -38,13 +38,8 @@ def shared_window(display: str, take: Path) -> Iterator[RunningWindow]:
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("PATH", f"{programs}:/usr/bin:/bin")
         environment.setenv("XDG_CACHE_HOME", str(folder / "cache"))
-        window = RunningWindow(display, folder / "state.jsonl")
-    try:
-        yield window
-        assert window.close() == 0, window.stderr.read_text()[-2000:]
-        assert "top-level" not in window.stderr.read_text(), "Open3D draws more than 20 widgets of a window wrongly"
-    finally:
-        window.process.kill()
+        with running(display, folder / "state.jsonl") as window:
+            yield window
 
 
 @pytest.fixture

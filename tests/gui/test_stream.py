@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.gui.conftest import RunningWindow, Until, body, write_stream
+from tests.gui.conftest import RunningWindow, Until, body, running, write_stream
 from tests.support.waiting import wait_until
 from v3studio.studio.gaussians import Gaussians
 
@@ -46,17 +46,13 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def shared_window(display: str, stream: Path) -> Iterator[RunningWindow]:
     """A window that plays the stream."""
     log = stream.with_name("state.jsonl")
-    window = RunningWindow(display, log, str(stream), program=("-c", FAILING), plays=True)
-    try:
+    with running(display, log, str(stream), program=("-c", FAILING), plays=True) as window:
         first = window.wait_for("a picture, playing", lambda s: s["shown"] is not None and s["playing"])
         assert (first["frames"], first["title"]) == (12, "walk - V3 Studio")
         window.wait_for("playing on", lambda s: s["shown"] != first["shown"])
         window.xdotool("mousemove", 1395, 895)  # where another test may have left the pointer
         window.key("space", until=("paused", lambda s: not s["playing"] and s["settled"]))
         yield window
-        assert window.close() == 0
-    finally:
-        window.process.kill()
 
 
 def at(frame: int) -> Until:
