@@ -129,7 +129,7 @@ def wrong(footage: Footage, views: Views) -> Iterator[Trial]:
     yield Trial("one camera looks 5 degrees aside", aside, True, names(a, blamed="cam"))
 
     def masks_of(other: str, shift: int) -> Near:
-        """Those of a camera, as if another one or another time."""
+        """The masks of a camera, taken from another camera or another time."""
         near = range(-shift, 9)
         return lambda name: {first + at: footage.mask(other, first + shift + at) for at in near if at}
 

@@ -74,7 +74,7 @@ def swapped_cameras(work: Path) -> Path:
 
 
 def context_of(take: Path) -> Inputs:
-    """What the program knows of a take."""
+    """Collect the facts about a take that the help's images show."""
     return Inputs(Take(take), load_config(Take(take).config))
 
 

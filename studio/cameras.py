@@ -238,12 +238,12 @@ class Camera:
         return replace(self, distortion=np.zeros(0))
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same view at another image size; K is scaled per axis."""
+        """Return the camera with another image size; K is scaled per axis."""
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, K=scale @ self.K)
 
     def scaled(self, factor: float) -> Camera:
-        """The same view at `factor` times the image size, rounded to whole pixels (at least 1x1)."""
+        """Return the camera with `factor` times the image size, rounded to whole pixels (at least 1x1)."""
         return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:

@@ -27,8 +27,9 @@ _MOST_DIRECTIONS = 256
 
 @dataclass(frozen=True, eq=False)
 class ViewRange:
-    """From where a stream can be looked at: (3,) middle of the scene, world units; (N, 3) unit vectors, N >= 1, from
-    there to the training cameras; degrees to the nearest of them up to which views are good, above 0, at most 180."""
+    """The directions from which a stream looks good: (3,) middle of the scene, world units; (N, 3) unit vectors, N >=
+    1, from there to the training cameras; degrees to the nearest of them up to which views are good, above 0, at most
+    180."""
 
     center: np.ndarray
     directions: np.ndarray
@@ -51,7 +52,7 @@ class ViewRange:
         return float(np.clip(1 - (self.angle_from(eye) - self.angle) / FADE, 0, 1))
 
     def to_json(self) -> JsonObject:
-        """For the stream's metadata; docs/STREAM.md."""
+        """Return JSON values for the stream's metadata, as docs/STREAM.md describes them."""
         return {
             "center": [round(float(value), 6) for value in self.center],
             "directions": [[round(float(value), 4) for value in direction] for direction in self.directions],
@@ -97,7 +98,7 @@ def view_range(cameras: Iterable[Camera], center: Sequence[float] | np.ndarray) 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a rig does not see."""
+    """The directions and surfaces that a rig does not see."""
 
     outside: float  # share of the horizontal directions around the performer that are outside of the view range, 0 to 1
     farthest: float  # largest angle between such a direction and the nearest camera, degrees

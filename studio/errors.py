@@ -150,7 +150,7 @@ def _sentence(text: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON types, limited in size so that the contents of a malicious file cannot flood a log."""
+    """Convert a value to JSON types, limited in size so that the contents of a malicious file cannot flood a log."""
     if value is None or isinstance(value, (bool, int, float)):
         return value
     if isinstance(value, (list, tuple)):
@@ -162,7 +162,7 @@ def _plain(value: Any) -> Any:
 
 
 def reason_of(error: Exception) -> str:
-    """What went wrong, for a message: of an OSError without its number and path ("not a directory")."""
+    """The reason of an error as text; an OSError's without number and path ("not a directory")."""
     words = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
     return words[:1].lower() + words[1:] if isinstance(error, OSError) else words
 

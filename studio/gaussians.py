@@ -151,7 +151,7 @@ class Gaussians:
         return self.map(lambda tensor: tensor.to(*args, **kwargs))
 
     def detach(self) -> Gaussians:
-        """The same splats, detached from the autograd graph; shares memory."""
+        """Return the splats detached from the autograd graph; they share memory."""
         return self.map(Tensor.detach)
 
     def clone(self) -> Gaussians:
@@ -159,7 +159,7 @@ class Gaussians:
         return self.map(lambda tensor: tensor.detach().clone())
 
     def with_sh_degree(self, degree: int) -> Gaussians:
-        """The same splats at another SH degree, 0 to 3: coefficients are dropped or filled with zeros."""
+        """Return the splats with another SH degree, 0 to 3: coefficients are dropped or filled with zeros."""
         wanted = (degree + 1) ** 2
         have = self.sh.shape[1]
         if wanted <= have:
@@ -181,7 +181,7 @@ class Gaussians:
 
     @classmethod
     def from_activated(cls, means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, sh: Tensor) -> Gaussians:
-        """From linear scales and opacities; scales are clamped to at least 1e-12, opacities to 1e-6 from 0 and 1."""
+        """Make splats from linear scales and opacities, clamped to at least 1e-12, and to 1e-6 from 0 and 1."""
         return cls(
             means=means,
             quats=quats,

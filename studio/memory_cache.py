@@ -1,4 +1,4 @@
-"""What is held in memory: the cache that everything uses, and sequences that hold none of their items."""
+"""The cache that holds values in memory, and sequences that make their items when they are asked for."""
 
 import threading
 from collections import OrderedDict

@@ -20,7 +20,7 @@ _FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 th
 
 
 def own_frame(rig: Rig) -> Similarity:
-    """From the world of the cameras to the take's own frame: the identity for cameras of ordinary place and size. With
+    """The transform from the cameras' world to the take's own frame: the identity for ordinary places and sizes. With
     a single camera, or all in one place, nothing says how large the scene is, and it is only moved."""
     centers = rig.centers
     middle = centers.mean(axis=0)
@@ -29,7 +29,8 @@ def own_frame(rig: Rig) -> Similarity:
 
 
 def splats_frame(middle: np.ndarray, radius: float) -> Similarity:
-    """As `own_frame`, from the (3,) middle of splats and the radius around it within which nearly all of them are."""
+    """The frame of splats, chosen as `own_frame` does, from their (3,) middle and the radius around it within which
+    nearly all of them are."""
     return _frame(middle, radius, _SPLATS_LEAST, _SPLATS_MOST, _SPLATS_USUAL)
 
 
@@ -46,8 +47,8 @@ def in_own_frame(rig: Rig) -> Rig:
 
 
 def undone(frame: Similarity, *, placed: bool) -> Similarity:
-    """What exports apply to the splats of a take, whose `frame` is that of `own_frame`: from the world of its streams
-    to the one in which the user thinks. `placed`: an edit has placed the world's origin: only the unit is undone."""
+    """The transform from the world of a take's streams to the user's own, which exports apply. `frame`: from
+    `own_frame`; `placed`: an edit has placed the world's origin, so only the unit is undone."""
     return Similarity(1 / frame.scale) if placed else frame.inverse
 
 

@@ -46,7 +46,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Empty:
-    """What the window shows instead of null, an empty list, an empty mapping or an empty text."""
+    """The text that the window shows instead of null, an empty list, an empty mapping or an empty text."""
 
     text: str
 

@@ -33,7 +33,7 @@ class Similarity:
         return Similarity(1 / self.scale, back, -back @ self.translation / self.scale)
 
     def after(self, first: Similarity) -> Similarity:
-        """From the old world of `first` to the new one of this, through the one between them."""
+        """The transform that applies `first`, then this one."""
         if first.is_identity or self.is_identity:
             return self if first.is_identity else first
         return Similarity(self.scale * first.scale, self.rotation @ first.rotation, self.points(first.translation))

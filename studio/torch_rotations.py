@@ -37,7 +37,7 @@ def rotate_vectors(quats: Tensor, vectors: Tensor) -> Tensor:
 
 
 def align_axes(quats: Tensor, scales: Tensor, reference: Tensor) -> tuple[Tensor, Tensor]:
-    """The same ellipsoids with their axes named so that each rotation is as close as possible to a reference.
+    """Rename the axes of ellipsoids so that each rotation is as close as possible to a reference.
 
     An ellipsoid has 24 equivalent rotations, with its scales in different orders. Without this, values between two
     frames would mix different axes. Takes and returns quaternions (N, 4) wxyz of unit length, the new ones each with a

@@ -55,7 +55,7 @@ def _parsed(text: str, plain: bool) -> Any:
 
 
 def parse_with_comments(text: str) -> Any:
-    """The same as a tree that keeps comments, quotes and order for `dump_with_comments`."""
+    """Parse a text to a tree that keeps comments, quotes and order for `dump_with_comments`."""
     return _read(_with_comments(), text)
 
 

@@ -1,4 +1,4 @@
-"""Attacks V3 Studio on this machine, and prints a table of what was tried, promised and found.
+"""Attacks V3 Studio on this machine, and prints a table of attacks, promises and results.
 
     python benchmarks/attack [--parts kills,full,...] [--share 0.01]
 
@@ -100,7 +100,7 @@ def results(take: Path) -> dict[str, str]:
 
 
 def problems_of(take: Path, before: dict[str, str] | None = None) -> list[str]:
-    """What is wrong with a take after a fault: it does not open, its stream is torn, a finished frame has changed."""
+    """The faults of a take: it does not open, its stream is torn, a finished frame has changed."""
     problems = []
     try:
         if (take / "take.json").exists():

@@ -179,13 +179,13 @@ class RegionView(Edit):
 
     @classmethod
     def of(cls, camera: Camera) -> RegionView:
-        """Of a pinhole camera."""
+        """Make a view of a pinhole camera."""
         values = camera.to_dict()
         return cls.model_validate({name: values[name] for name in cls.model_fields})
 
 
 class Region(Edit):
-    """What was drawn in a view, extruded away from the viewer; splats in it are removed.
+    """An outline that was drawn in a view, extruded away from the viewer; splats in it are removed.
 
     A region, unlike a list of splats, keeps its meaning in other groups and after training again.
     """
@@ -263,7 +263,7 @@ class World(Edit):
 
     @property
     def similarity(self) -> Similarity:
-        """From the capture's world to the new one."""
+        """The transform from the capture's world to the new one."""
         rotation = np.eye(3) if self.up is None else rotation_between(np.array(self.up), np.array(UP))
         return Similarity(self.scale, rotation, -self.scale * rotation @ np.array(self.origin))
 
@@ -285,7 +285,7 @@ class EditList(Edit):
 
     @property
     def similarity(self) -> Similarity:
-        """From the capture's world to that of streams and exports."""
+        """The transform from the capture's world to that of streams and exports."""
         return Similarity() if self.world is None else self.world.similarity
 
     def without(self, name: str, at: int | None = None) -> EditList:

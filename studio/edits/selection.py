@@ -24,7 +24,7 @@ _STRAY = 0.01  # share of splats that may lie outside of that box, on each side 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Where the splats of a group are, (F, N, 3) in world units, and how opaque, (F, N), 0 to 1."""
+    """Positions of the splats of a group, (F, N, 3) in world units, and their opacities, (F, N), 0 to 1."""
 
     frames: Sequence[int]
     means: np.ndarray
@@ -32,7 +32,7 @@ class Paths:
 
     @classmethod
     def of(cls, numbers: Sequence[int], frames: Iterable[Gaussians]) -> Paths:
-        """Of frames with the same splats in each, and with these numbers; `frames` is iterated once."""
+        """Collect the paths from frames that have the same splats and these numbers; `frames` is iterated once."""
         means, opacities = [], []
         for frame in frames:
             means.append(frame.means.detach().cpu().numpy())
@@ -132,7 +132,7 @@ def distance_to_path(path: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def cluster_distance(means: np.ndarray, opacities: np.ndarray) -> float:
-    """`DISTANCE` of the diagonal of the box of what is seen of splats (N, 3), (N,), without the few farthest out."""
+    """`DISTANCE` times the diagonal of the box around visible splats, (N, 3) and (N,), without the few farthest out."""
     seen = means[opacities >= _SEEN]
     points = (seen if len(seen) else means).astype(np.float64)
     low, high = np.quantile(points, (_STRAY, 1 - _STRAY), axis=0)

@@ -139,7 +139,8 @@ def read_rows(path: Path, note: Note = ignore) -> Gaussians:
 
 
 def read_splats(path: Path | str, note: Note = ignore) -> Gaussians:
-    """As `read_rows`, in float32, without splats that cannot be rendered (noted); StudioError also if none is left."""
+    """Read splats like `read_rows`, in float32, without those that cannot be rendered (noted). Raises StudioError also
+    if none is left."""
     path = Path(path)
     import torch
 

@@ -133,7 +133,7 @@ class CameraPath:
         return Camera(f"path at {seconds:.3f} s", first.width, first.height, K, pose)
 
     def _eased(self, time: float) -> tuple[float, int | None]:
-        """Where on the curve the camera is at a time, and the segment that it moves straight along, if it does."""
+        """The camera's place on the curve at a time, and the segment that it moves straight along, if it does."""
         segment = min(int(np.searchsorted(self._times, time, side="right")) - 1, len(self._times) - 2)
         start, end = self._times[segment : segment + 2]
         share, easing = (time - start) / (end - start), self._easings[segment]

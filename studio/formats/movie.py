@@ -86,7 +86,7 @@ def render_movie(
 def _encoder(
     path: Path, width: int, height: int, fps: float, crf: int, sound: MovieSound | None
 ) -> Iterator[Callable[[np.ndarray], None]]:
-    """What encodes the next image, (H, W, 3) uint8 RGB, as H.264, BT.709, limited range, with its sound."""
+    """A function that encodes the next image, (H, W, 3) uint8 RGB, as H.264, BT.709, limited range, with its sound."""
     import av
 
     with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as out:

@@ -23,7 +23,7 @@ _REACH = 16.0  # cells of positions are then at most 1/2048 of the bulk's radius
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Where the splats of one frame are: (3,) median of their positions, distance within which all are but 0.1%, and
+    """Places of the splats of a frame: (3,) median of their positions, the distance within which all but 0.1% are, and
     the (0.1% of N,) distances of the others."""
 
     middle: np.ndarray
@@ -63,7 +63,7 @@ class Bulk:
 
     @property
     def note(self) -> str | None:
-        """What was done, if there are outliers."""
+        """A sentence about what was done with the outliers; None if there are none."""
         if not self.count:
             return None
         return (

@@ -26,7 +26,8 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """As `new_folder`, for a file. The temporary name has the same extension, since writers select the format by it."""
+    """Place a file as `new_folder` places a folder. The temporary name has the file's extension, by which writers
+    choose a format."""
     with _new(path, "file") as temporary:
         yield temporary
 

@@ -121,7 +121,7 @@ class Plates:
         return samples
 
     def _mattes(self, index: int, splats: Gaussians, camera: Camera) -> np.ndarray:
-        """(H, W, performers) shares of what is drawn."""
+        """(H, W, performers) share that each performer's splats have in each pixel."""
         performers = self._performers
         if performers.count and index == self._groups[index].start:
             before = self._frame(index - 1) if index > 0 else None

@@ -238,7 +238,7 @@ def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
 
 
 def _opened(path: Path, data: bytes) -> tuple[Head, Any]:
-    """The header, and for gzipped files the zlib decompressor of what follows."""
+    """The header, and for gzipped files the zlib decompressor of the rest."""
     if data[:2] != b"\x1f\x8b":
         return _checked_head(path, data[: _HEAD.size]), None
     inflater = zlib.decompressobj(wbits=31)

@@ -46,7 +46,7 @@ class SkippedGroup:
         return self.sentence(int)
 
     def sentence(self, number: Callable[[int], int]) -> str:
-        """What was skipped and why, with the `number` of each frame."""
+        """A sentence that says which frames were skipped and why, with the `number` of each."""
         first, last = number(self.first_frame), number(self.stop - 1)
         return f"Group {self.group}, frames {first} to {last}, was skipped: {self.cause}"
 

@@ -93,11 +93,11 @@ class Attribute:
         return "means_low" if self.name == "means" else self.name
 
     def repeats(self, sh_degree: int) -> int:
-        """How often its components and channels occur: for each SH coefficient, or once."""
+        """The number of times that its components and channels occur: once, or once for each SH coefficient."""
         return (sh_degree + 1) ** 2 if -1 in self.shape else 1
 
     def tensor_shape(self, splats: int, sh_degree: int) -> list[int]:
-        """Of the whole tensor."""
+        """The shape of the tensor of all splats."""
         return [splats, *(self.repeats(sh_degree) if size == -1 else size for size in self.shape)]
 
 

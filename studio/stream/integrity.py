@@ -22,7 +22,7 @@ class StreamDamage:
 
 @dataclass(frozen=True)
 class StreamIntegrity:
-    """What `check_stream` found: files checked, with the manifest, their size by the manifest, and damaged ones."""
+    """The result of `check_stream`: number of files checked (with the manifest), their size by the manifest, damage."""
 
     files: int
     bytes: int

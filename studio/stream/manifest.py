@@ -204,7 +204,7 @@ class AudioEntry(FileEntry):
 
     @property
     def seconds(self) -> float:
-        """From the first frame to the end of the sound."""
+        """Time from the first frame to the end of the sound."""
         return self.start + self.samples / self.sample_rate
 
 
@@ -472,7 +472,7 @@ class GroupEntry(Model):
 
     @classmethod
     def from_dict(cls, values: JsonObject) -> GroupEntry:
-        """From its values as JSON has them. Raises StudioError for invalid ones."""
+        """Make an entry from JSON values. Raises StudioError if they are invalid."""
         try:
             return cls.model_validate_json(json.dumps(values))
         except ValidationError as error:

@@ -30,8 +30,8 @@ def with_plain_texts(values: Mapping[str, Any]) -> JsonObject:
 
 @dataclass(frozen=True, eq=False)
 class CapturePlace:
-    """Where an edited stream lies in the take that it was baked from: the take's frame, from 0, that is frame 0 of the
-    stream, and the similarity from the world of the capture to that of the stream."""
+    """The place of an edited stream in the take that it was baked from: the take's frame, from 0, that is frame 0 of
+    the stream, and the similarity from the world of the capture to that of the stream."""
 
     first_frame: int = 0
     world: Similarity = field(default_factory=Similarity)
@@ -41,7 +41,7 @@ class CapturePlace:
         return camera if self.world.is_identity else self.world.camera(camera)
 
     def to_json(self) -> JsonObject:
-        """For the stream's metadata; docs/STREAM.md."""
+        """Return JSON values for the stream's metadata, as docs/STREAM.md describes them."""
         return {"first_frame": self.first_frame, **self.world.to_json()}
 
     @classmethod

@@ -102,7 +102,8 @@ class Blocks:
     def over(
         cls, cells: np.ndarray, labels: np.ndarray, count: int, step: float, radius: float, dtype: type = np.float64
     ) -> Blocks:
-        """From (N, 3) integer cells of the keyframe. The center of a block is the mean of its cells, rounded down."""
+        """Make blocks from (N, 3) integer cells of the keyframe. A block's center is the mean of its cells, rounded
+        down."""
         members = np.maximum(np.bincount(labels, minlength=count), 1)
         sums = np.stack([np.bincount(labels, weights=cells[:, i], minlength=count) for i in range(3)], axis=1)
         centers = np.floor(sums / members[:, None])  # sums are integers below 2^53, so this is exact

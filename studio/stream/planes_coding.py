@@ -52,9 +52,9 @@ class _Fused(torch.autograd.Function):
 
 
 class PlanesCoding:
-    """What the profile codes of one frame's N splats, given the `previous` frame of the same group: unit quaternions
-    with continuous sign, log scales, opacities and SH, each cut into 256 levels. Means are left out: the losses that
-    use this act on the other attributes only (paper, section 4.2)."""
+    """The values that the profile codes for one frame's N splats, given the `previous` frame of the same group: unit
+    quaternions with continuous sign, log scales, opacities and SH, each cut into 256 levels. Means are left out: the
+    losses that use this act on the other attributes only (paper, section 4.2)."""
 
     def __init__(self, previous: Gaussians) -> None:
         self.attributes = _columns(previous.sh_degree)  # columns of each attribute in `coded_values`

@@ -31,7 +31,7 @@ _PARALLEL = 8
 
 @dataclass(frozen=True)
 class Published:
-    """What publishing did: files that were copied, their bytes, and files that were there already."""
+    """The result of publishing: files that were copied, their bytes, and files that were there already."""
 
     copied: int
     bytes: int

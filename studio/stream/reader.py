@@ -102,7 +102,7 @@ class StreamReader:
 
     @property
     def manifest(self) -> Manifest:
-        """As last read."""
+        """The manifest as it was last read."""
         return self.index.manifest
 
     @property

@@ -71,7 +71,7 @@ class Rung(Settings):
 
     @property
     def kept(self) -> str:
-        """Name of what is kept of each frame: splats40-sh0; empty for everything."""
+        """A name for the part of each frame that the rung keeps, such as splats40-sh0; empty if it keeps everything."""
         splats = "" if self.splats == 1 else f"splats{self.splats * 100:g}".replace(".", "-")
         return "-".join(part for part in (splats, "" if self.sh_degree is None else f"sh{self.sh_degree}") if part)
 
@@ -87,7 +87,7 @@ class Rung(Settings):
 
     @property
     def kind(self) -> tuple[float, int | None, int]:
-        """What the splats of the rung depend on: rungs of one kind differ by QP only."""
+        """Everything that the rung's splats depend on: rungs of the same kind differ only in their QP."""
         return self.splats, self.sh_degree, self.finetune_iterations if self.pruned else 0
 
 
@@ -234,7 +234,7 @@ class BakeSettings(Settings):
         return self.qp > 0 if self.smooth_paths is None else self.smooth_paths
 
     def at_qp(self, qp: int) -> BakeSettings:
-        """The same with a QP as the quality."""
+        """Return these settings with a QP as the quality."""
         smooth = {"smooth_paths": self.smooths_paths} if self.profile == "motion" else {}
         return self.replace(quality=qp, **smooth)
 

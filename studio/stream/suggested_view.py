@@ -23,8 +23,8 @@ _STRAY = 0.001  # share of splats that may lie outside, on each side of each axi
 
 
 def seen_box(frames: Iterable[Gaussians]) -> tuple[np.ndarray, np.ndarray] | None:
-    """The (3,) least and greatest corner, world units, float64, of what one sees in frames of a group: without faint
-    splats, and without the few that lie far from all others; None if nothing can be seen."""
+    """The (3,) least and greatest corner, world units, float64, of the visible splats in frames of a group: without
+    faint splats, and without the few that lie far from all others; None if nothing can be seen."""
     visible = [frame.means[frame.opacities.reshape(-1) >= _SEEN].detach().cpu().numpy() for frame in frames]
     corners = [np.quantile(means.astype(np.float64), (_STRAY, 1 - _STRAY), axis=0) for means in visible if len(means)]
     if not corners:

@@ -48,7 +48,7 @@ _LEAST_DISTORTION = 0.1
 
 @dataclass(frozen=True)
 class Correction:
-    """What refinement changes about a camera.
+    """The changes that refinement makes to a camera.
 
     Attributes:
         moved: from the world of the given cameras to the one that the camera sees, before its pose.
@@ -209,7 +209,7 @@ class _Placement:
         return turned, shift + slopes * self._focal(means) * stretch
 
     def prior(self) -> Tensor:
-        """What the distance from the given camera costs."""
+        """The penalty for the distance from the given camera."""
         return _PRIOR * (self.values / self._usual).square().sum()
 
     def step(self, progress: float) -> None:
@@ -220,7 +220,7 @@ class _Placement:
 
     @torch.no_grad()
     def correction(self) -> Correction:
-        """With the mean motion of all cameras still in it."""
+        """The correction so far; it still contains the mean motion of all cameras."""
         quat, shift, zoom, radial = self._parts()
         rotation = quats_to_matrices(quat[0].cpu().double().numpy())
         middle = self.middle.cpu().double().numpy()
@@ -319,7 +319,8 @@ class _Run:
 
 @torch.no_grad()
 def _psnr(gaussians: Gaussians, views: Sequence[TrainingView], placements: Sequence[_Placement]) -> float | None:
-    """PSNR in dB over black of all views: of what is hidden in them, else of their crops; None without views."""
+    """PSNR in dB over black of all views, in their hidden pixels or, if they have none, in their crops; None without
+    views."""
     errors = []
     for view, place in zip(views, placements, strict=True):
         black = torch.zeros(3, device=view.device)

@@ -63,7 +63,7 @@ def detail_boxes(camera: Camera, details: Sequence[Detail]) -> tuple[DetailBox, 
 def detail_loss(
     image: Tensor, target: Tensor, box: DetailBox, dssim_weight: float, closer: Sequence[Tensor] = ()
 ) -> Tensor:
-    """What the weight of a detail adds to the photometric loss of an image.
+    """The part that the weight of a detail adds to the photometric loss of an image.
 
     With it, the L1 part of the loss is that of pixels with these weights, and so is SSIM, but for the windows at the
     edges of a box. Weights of boxes that overlap add up.

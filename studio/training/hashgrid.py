@@ -19,8 +19,8 @@ PIECE = 64  # most numbers that one piece of a sum adds, see `pieces_of`
 
 @dataclass(frozen=True)
 class Passes:
-    """Sums of what reads each row of the table, in pieces of a fixed size, so that their order and the work of each
-    piece do not depend on how many read a row.
+    """A plan for summing the gradients of each row of the table, over all positions that read the row, in pieces of a
+    fixed size: their order and the work of each piece do not depend on how many positions read a row.
 
     Attributes:
         readers: (8 N L,) int32: n * L + l for each corner of position n at level l, ordered by the corner's row.
@@ -34,7 +34,7 @@ class Passes:
 
 
 def pieces_of(counts: Tensor) -> list[tuple[Tensor, Tensor]]:
-    """How to sum adjacent groups of numbers in pieces of at most `PIECE`.
+    """Plan how adjacent groups of numbers are summed, in pieces of at most `PIECE`.
 
     The first pass adds the numbers of each piece, and each later pass those that the pass before it gave. A group of k
     numbers is complete after log_64(k) passes, at least one, and the last pass gives one sum for each group.
@@ -73,7 +73,7 @@ class Corners:
 
     @cached_property
     def passes(self) -> Passes:
-        """The sums of what reads each row, in pieces for `triton/field.py`. Waits for the GPU."""
+        """Plan how the gradients of each row are summed, in pieces for `triton/field.py`. Waits for the GPU."""
         index, weight = (each.transpose(0, 1).reshape(-1) for each in (self.rows, self.weights))
         order = torch.argsort(index, stable=True)
         counts = torch.bincount(index, minlength=int(self.level_rows[-1]))

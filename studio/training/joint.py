@@ -51,7 +51,7 @@ def views_of_frame(views: Sequence[TrainingView], pixels: int, frames: int, posi
 
 
 def parts_of(frames: int) -> list[int]:
-    """For each frame of a group with this many frames, the number of the part that it shares attributes with."""
+    """Return the number of the part to which each frame of a group belongs; the frames of a part share attributes."""
     parts = max(1, round(frames / _SHARED))
     return [frame * parts // frames for frame in range(frames)]
 
@@ -131,7 +131,7 @@ def splats_needed(frames: Sequence[Gaussians], views: Sequence[Sequence[Training
 def _start(
     frames: Sequence[Gaussians], parts: Sequence[int], rates: LearningRates, extent: float
 ) -> dict[str, tuple[Tensor, float]]:
-    """What is trained: what the frames of a part share as "sh_dc.1", means and quats of a frame as "means.3"."""
+    """The tensors to train and their rates: those that a part shares as "sh_dc.1", those of a frame as "means.3"."""
     start = {}
     for part in sorted(set(parts)):
         same = [frame for frame, own in zip(frames, parts, strict=True) if own == part]

@@ -87,7 +87,7 @@ class SplatOffsets:
         )
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """By name; can be stored as safetensors."""
+        """Return the tensors by name; they can be stored as safetensors."""
         return dict(vars(self))
 
     @classmethod

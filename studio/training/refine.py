@@ -148,7 +148,7 @@ class Refinement:
         stepper.chroma_shift = self.chroma_shift
 
     def state(self) -> dict[str, Tensor]:
-        """What `restore` needs: the splats that drew the masks, a hundredth of the masks' size. Empty before
+        """Tensors for `restore`: the splats that drew the masks, a hundredth of the masks' size. Empty before
         `begin`."""
         if self._splats is None:
             return {}

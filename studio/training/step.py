@@ -96,7 +96,7 @@ class Stepper:
         return self._steps(gaussians, [seen], screen_offsets)[0]
 
     def several(self, gaussians: Gaussians, count: int) -> list[Step]:
-        """The same as `count` calls with these splats, which are rendered in one call of the rasterizer."""
+        """Take `count` steps with these splats, which are rendered in one call of the rasterizer."""
         return self._steps(gaussians, [self._next() for _ in range(count)])
 
     def _steps(

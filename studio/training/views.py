@@ -146,7 +146,7 @@ class TrainingView:
         return view
 
     def with_mask(self, mask: Tensor) -> TrainingView:
-        """The same view with another (H, W) mask, 0 to 1. Where it is compared over the plate stays the same."""
+        """Return the view with another (H, W) mask, 0 to 1. Where it is compared over the plate stays the same."""
         # a large view is stored as bytes
         view = self._with(_mask=mask if self._mask.is_floating_point() else (mask * 255 + 0.5).to(torch.uint8))
         if self._cached is not None and (self._plate is None or self._is_estimated):
@@ -154,28 +154,28 @@ class TrainingView:
         return view
 
     def uncached(self) -> TrainingView:
-        """The same view, which takes a third of the memory and a bit more time on access."""
+        """Return the view in a form that takes a third of the memory and a bit more time on access."""
         return self._with(_cached=None)
 
     def with_color(self, matrix: Tensor) -> TrainingView:
-        """The same view from a camera with other colors; `matrix`: (3, 4), see `color`."""
+        """Return the view from a camera with other colors; `matrix`: (3, 4), see `color`."""
         return self._with(color=matrix.to(self.device, torch.float32))
 
     def with_hidden(self, number: int) -> TrainingView:
-        """The same view, in which every `_HIDDEN_BLOCKS`-th block of pixels is `hidden`; others for each `number`."""
+        """Return the view with every `_HIDDEN_BLOCKS`-th block of pixels `hidden`; which ones depends on `number`."""
         height, width = self._mask.shape
         side = max(_BLOCK, math.ceil(max(height, width) / _BLOCKS_ACROSS))
         row, column = (torch.arange(length, device=self.device) // side for length in (height, width))
         return self._with(hidden=(column + 3 * row[:, None] + number) % _HIDDEN_BLOCKS == 0)
 
     def with_details(self, details: Sequence[Detail]) -> TrainingView:
-        """The same view with other details."""
+        """Return the view with other details."""
         return self._with(details=tuple(details), detail_boxes=detail_boxes(self.camera, details), closer=())
 
     def with_closer(
         self, large: FootageView, use_plate: bool = True, chroma: ChromaSampling | None = None
     ) -> TrainingView:
-        """The same view with `closer` views of its details.
+        """Return the view with `closer` views of its details.
 
         Args:
             large: what the same camera saw, uncropped and in more pixels.

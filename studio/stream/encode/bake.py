@@ -149,7 +149,7 @@ def bake_group(
 
 
 def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single: bool) -> JsonObject:
-    """What a rendition does not have from its encoder."""
+    """The fields of a rendition that its encoder does not set."""
     pruning: Pruning = "fine-tuned" if rung.finetuned else "importance" if rung.pruned else "none"
     return {
         "index": group,

@@ -224,7 +224,7 @@ class MotionBake:
                 progress(number + 1, self._count)
 
     def _residuals(self, codes: np.ndarray, lattice: Lattice, table: BlockTable, affine: np.ndarray) -> np.ndarray:
-        """What the motion of the blocks leaves of the means, (F, N, 3). 0 in the keyframe, whose cells have them."""
+        """(F, N, 3) differences between the means and where their blocks move them; 0 in the keyframe."""
         empty = np.zeros(0, dtype=np.int64)
         no_classes, no_escapes = np.zeros(self._splats, np.uint8), Escapes(empty, empty, empty, empty)
         state = MotionState(lattice, table, Side(codes, self._labels, no_classes, affine, self._turns, no_escapes))

@@ -117,7 +117,7 @@ class HttpSource(Source):
         return self._file(path, _Partial(), limit)
 
     def read_changed(self, path: str, limit: int) -> bytes | None:
-        """As `read`, but asks for the file only if it has changed since the last call (If-None-Match); None if not."""
+        """Read a file if it has changed since the last call (asked with If-None-Match), else return None."""
         partial = _Partial(known=self._known.get(path))
         data = self._file(path, partial, limit)
         if partial.same:

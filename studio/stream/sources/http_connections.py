@@ -129,7 +129,7 @@ class _EncryptedPool(HTTPSConnectionPool):
 
 
 class WatchedPools(urllib3.PoolManager):
-    """As urllib3.PoolManager, with connections that a `Watch` can end."""
+    """A urllib3.PoolManager whose connections a `Watch` can end."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)

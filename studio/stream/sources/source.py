@@ -33,7 +33,7 @@ class Source:
         raise NotImplementedError
 
     def read_changed(self, path: str, limit: int) -> bytes | None:
-        """As `read`; may return None if the file is the same as when this method last read it."""
+        """Read a file like `read`, or return None if it is the same as when this method last read it."""
         return self.read(path, limit)
 
     def close(self) -> None:

@@ -83,7 +83,7 @@ def layer_forward(
     inputs, layer, side, out, count, reads, gives, input_columns, out_columns,
     OUTPUTS: tl.constexpr, LAST: tl.constexpr,
 ):  # fmt: skip
-    """What a layer gives at some positions, for some of its outputs.
+    """Compute some outputs of a layer at some positions.
 
     Args:
         inputs: first number of what the layer reads, in rows of `input_columns` float32.
@@ -125,7 +125,7 @@ def layer_backward(
     slopes, layer, read, out, count, reads, gives, slope_columns, input_columns, out_columns,
     INPUTS: tl.constexpr, FIRST: tl.constexpr,
 ):  # fmt: skip
-    """The derivatives by what a layer reads at some positions, for some of its inputs; before the ReLU that gave them.
+    """Compute the derivatives by some of a layer's inputs at some positions, before the ReLU that gave them.
 
     Args:
         slopes: first derivative by what the layer gives, in rows of `slope_columns` float32.
@@ -212,7 +212,7 @@ def sum_pieces(
     values, readers, weights, begins, ends, sums, pieces, features,
     FEATURES: tl.constexpr, FIRST: tl.constexpr,
 ):  # fmt: skip
-    """Sums over pieces: in the first pass, of what reads one row of the table; then of adjacent rows of such sums.
+    """Sum the numbers of each piece: in the first pass the gradients of one row of the table, then adjacent sums.
 
     Args:
         values: (V, F) float32: in the first pass `d_encoding`, then the sums of the pass before.
@@ -356,7 +356,7 @@ class _Fused(torch.autograd.Function):
 
 
 def _slopes(layers: Sequence[_Layer], flat: Tensor, inputs: Tensor, slopes: Tensor, d_encoding: Tensor) -> None:
-    """From the slopes of the last layer to those of the others and to the gradient of the encodings."""
+    """Compute the slopes of the other layers and the gradient of the encodings from the slopes of the last layer."""
     for number in reversed(range(len(layers))):
         layer = layers[number]
         out = slopes[:, layers[number - 1].slopes :] if number else d_encoding
