@@ -18,6 +18,9 @@ from v3studio.studio.errors import StudioError, naming, plain_text
 from v3studio.studio.formats.camera_path import FORMAT, VERSION, CameraPath
 from v3studio.studio.stream.metadata import TEXTS
 
+PREVIEW_SIZE = (1200, 630)
+"""Width and height in pixels of the image of a link preview: of this shape, nothing is cut off."""
+
 GENERATOR = "V3 Studio share 1"
 """Marks pages that `v3studio share` has written, with the version of what they consist of."""
 
@@ -115,9 +118,9 @@ def script_elements(names: Iterable[str], folder: str = "") -> str:
     return "\n".join(f'<script type="module" src="{folder}{name}"></script>' for name in own)
 
 
-def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> list[str]:
-    """Open Graph tags for link previews, HTML; text is escaped here. `poster`: name of an image of `size` pixels
-    relative to the page; None for no image."""
+def preview_tags(text: PageText, image: str | None = None) -> list[str]:
+    """Open Graph tags for link previews, HTML; text is escaped here. `image`: address relative to the page of one of
+    `PREVIEW_SIZE`; None for no image."""
     base = None if text.address is None else text.address.rstrip("/") + "/"
     title = text.title or ""
     what = text.description or "Volumetric video"
@@ -130,11 +133,12 @@ def preview_tags(text: PageText, poster: str | None, size: tuple[int, int]) -> l
     ]
     if base is not None:
         tags += [_property("og:url", base), f'<link rel="canonical" href="{escape(base)}">']
-    if poster is not None:
+    if image is not None:
+        width, height = map(str, PREVIEW_SIZE)
         tags += [
-            _property("og:image", (base or "") + poster),
-            _property("og:image:width", str(size[0])),
-            _property("og:image:height", str(size[1])),
+            _property("og:image", (base or "") + image),
+            _property("og:image:width", width),
+            _property("og:image:height", height),
             _property("og:image:alt", title),
             '<meta name="twitter:card" content="summary_large_image">',
         ]

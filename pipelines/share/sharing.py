@@ -36,7 +36,7 @@ _ENDS_SCRIPT = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class ShareSize:
-    """Sizes of a share before it is written, without the poster (some 50 to 150 KB): bytes of all files; bytes of the
+    """Sizes of a share before it is written, without its images (some 100 to 300 KB): bytes of all files; bytes of the
     single HTML file, which base64 makes a third larger, and whether the stream is small enough for one."""
 
     stream_bytes: int
@@ -57,7 +57,8 @@ class Shared:
         title: of the page.
         files: how many were written.
         total_bytes: of all of them.
-        stream_bytes, player_bytes, poster_bytes: parts of it; in a single file before they became base64.
+        stream_bytes, player_bytes, poster_bytes: parts of it; in a single file before they became base64. The poster's
+            include the image of link previews.
     """
 
     form: Literal["folder", "single-file"]
@@ -178,7 +179,7 @@ def publish(
 def _write_folder(
     stream: StreamToShare, out: Path, text: PageText, player: PlayerFiles, progress: ProgressFn
 ) -> Shared:
-    """index.html, the player and the poster, the stream below `stream/`, and a record of them."""
+    """index.html, the player and its images, the stream below `stream/`, and a record of them."""
     files = stream.reader.files
     with shared_folder(out, text.title) as folder:
         progress(0, len(files) + 1)
@@ -187,7 +188,8 @@ def _write_folder(
         for name, data in beside.items():
             folder.write(name, data)
         progress(len(files) + 1, len(files) + 1)
-    return _shared_folder(out, text.title or "", folder.written, len(next(iter(beside.values()))))
+    images = sum(len(data) for name, data in beside.items() if name.endswith(".jpg"))
+    return _shared_folder(out, text.title or "", folder.written, images)
 
 
 def _shared_folder(out: Path, title: str, written: dict[str, int], poster_bytes: int = 0) -> Shared:
@@ -214,8 +216,8 @@ def _write_file(stream: StreamToShare, out: Path, text: PageText, player: Player
             f'<script type="module">{_in_script(player.script.decode())}</script>',
         ]
     )
-    image = f"data:image/jpeg;base64,{b64encode(poster.data).decode()}"
-    tags = preview_tags(text, None, poster.size)
+    image = f"data:image/jpeg;base64,{b64encode(poster).decode()}"
+    tags = preview_tags(text)
     page = player_page(player.page, script, f"#{_HOLDER}", text, image, tags).encode()
     remove_leftovers(out.parent, out)
     with atomic_path(out) as temporary:
@@ -229,7 +231,7 @@ def _write_file(stream: StreamToShare, out: Path, text: PageText, player: Player
         total_bytes=len(page),
         stream_bytes=stream.total_bytes,
         player_bytes=player.size,
-        poster_bytes=len(poster.data),
+        poster_bytes=len(poster),
     )
 
 

@@ -9,27 +9,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
-from v3studio.pipelines.share.page import PAGE_NAME, PageText, first_files, player_page, preview_tags, script_elements
+from v3studio.pipelines.share.page import (
+    PAGE_NAME,
+    PREVIEW_SIZE,
+    PageText,
+    first_files,
+    player_page,
+    preview_tags,
+    script_elements,
+)
 from v3studio.pipelines.share.player_files import PlayerFiles, hashed_name
 from v3studio.pipelines.takes.results.videos import decoded_video, stream_place
 from v3studio.studio.formats.camera_path import turntable
 from v3studio.studio.stream.metadata import TEXTS, with_plain_texts
 
 if TYPE_CHECKING:
+    from v3studio.studio.cameras import Camera
     from v3studio.studio.stream import StreamReader
 
-POSTER_WIDTH = 1200  # largest width in pixels: what link previews show at most
+POSTER_WIDTH = 1200  # largest width in pixels
 
 _QUALITY = 82  # of JPEG
 _POSTER_SIZE = (1200, 900)  # where the stream suggests no camera
-
-
-@dataclass(frozen=True)
-class Poster:
-    """A JPEG image: the file's bytes, and its width and height in pixels."""
-
-    data: bytes
-    size: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,19 @@ class StreamToShare:
         texts["title"] = given.title or own.get("title") or self.name
         return replace(given, **texts).plain()
 
-    def poster(self) -> Poster:
-        """The player's first view: from the suggested camera at eye level, or the front, over the background."""
-        from v3studio.pipelines.reports.images import encode, render
+    def poster(self) -> bytes:
+        """The player's first view, JPEG."""
+        return self._image(self._first_view())
+
+    def preview(self) -> bytes:
+        """The first view for link previews, JPEG: all of it, and more on its sides or above and below."""
+        view, (width, height) = self._first_view(), PREVIEW_SIZE
+        whole = view.scaled(min(width / view.width, height / view.height))
+        left, top = (whole.width - width) // 2, (whole.height - height) // 2
+        return self._image(whole.cropped(left, top, width, height))
+
+    def _first_view(self) -> Camera:
+        """From the suggested camera at eye level, or the front."""
         from v3studio.studio.stream.suggested_view import eye_level_view
 
         video = decoded_video(self.reader)
@@ -62,19 +73,25 @@ class StreamToShare:
         if video.view is not None and video.up is not None:
             box = self.reader.manifest.bounding_box
             camera = eye_level_view(camera, box.min, box.max, video.up)
-        image = render(video.read(0), camera, video.background, width=POSTER_WIDTH)
-        return Poster(encode(image, ".jpg", _QUALITY), (image.shape[1], image.shape[0]))
+        return camera.undistorted()
+
+    def _image(self, camera: Camera) -> bytes:
+        """The first frame over the background."""
+        from v3studio.pipelines.reports.images import encode, render
+
+        video = decoded_video(self.reader)
+        return encode(render(video.read(0), camera, video.background, width=POSTER_WIDTH), ".jpg", _QUALITY)
 
     def page_files(self, text: PageText, player: PlayerFiles, manifest: str) -> dict[str, bytes]:
-        """The files that play the stream from a web server, by name: the poster first, the page last. All but the page
+        """The files that play the stream from a web server, by name: the images first, the page last. All but the page
         are named by their content; addresses, also that of the `manifest`, are relative to the page."""
-        poster = self.poster()
-        name = hashed_name("poster.jpg", poster.data)
+        poster, preview = self.poster(), self.preview()
+        poster_name, preview_name = hashed_name("poster.jpg", poster), hashed_name("preview.jpg", preview)
         hashed = player.hashed()
         first = first_files(self.reader.manifest_bytes)
-        tags = preview_tags(text, name, poster.size)
-        page = player_page(player.page, script_elements(hashed), manifest, text, name, tags, first=first)
-        return {name: poster.data, **hashed, PAGE_NAME: page.encode()}
+        tags = preview_tags(text, preview_name)
+        page = player_page(player.page, script_elements(hashed), manifest, text, poster_name, tags, first=first)
+        return {poster_name: poster, preview_name: preview, **hashed, PAGE_NAME: page.encode()}
 
 
 @contextmanager

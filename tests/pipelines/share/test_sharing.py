@@ -98,10 +98,13 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream: Path
     )  # fmt: skip
     assert page.texts[0][1].strip() == TEXT.title
     assert (page.preview["og:title"], page.preview["og:url"]) == (TEXT.title, "https://example.org/walk/")
-    assert page.preview["og:image"] == f"https://example.org/walk/{player['poster']}"
+    image = str(page.preview["og:image"]).removeprefix("https://example.org/walk/")
+    height, width, _ = cv2.imread(str(shared.path / image)).shape
+    assert (width, height) == (1200, 630)
+    assert (page.preview["og:image:width"], page.preview["og:image:height"]) == ("1200", "630")
     assert (shared.total_bytes, shared.files) == (sum(map(len, files.values())), len(files))
     assert shared.stream_bytes == sum(map(len, contents(stream).values()))
-    assert shared.poster_bytes == len(files[str(player["poster"])])
+    assert shared.poster_bytes == len(files[str(player["poster"])]) + len(files[image])
     assert steps[0][0] == 0
     assert steps[-1][0] == steps[-1][1] > 2
     assert StreamReader.open(shared.path / "stream").frame_count == 6
@@ -117,6 +120,14 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream: Path, t
         other = rasterize(reader.gaussians(5), CAMERA, torch.tensor([0.0, 0.5, 1.0])).image.numpy() * 255
     assert image.shape == want.shape
     assert np.abs(image - want).mean() < 6 < np.abs(image - other).mean()
+
+
+def test_link_previews_show_the_poster_with_more_on_its_sides(stream: Path, tmp_path: Path) -> None:
+    shared = share(stream, tmp_path / "site")
+    poster, preview = (cv2.imread(str(next(shared.path.glob(f"{name}.*.jpg")))) for name in ("poster", "preview"))
+    left, width = 127, 945  # 90 x 60 pixels at 10.5 times their size, in the middle
+    part = cv2.resize(preview[:, left : left + width], (90, 60), interpolation=cv2.INTER_AREA)
+    assert np.abs(part.astype(float) - poster).mean() < 6
 
 
 def test_an_earlier_share_is_replaced_and_nothing_else(stream: Path, tmp_path: Path) -> None:
