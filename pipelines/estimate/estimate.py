@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from v3studio.pipelines.estimate.rehearsal import Measured
 from v3studio.pipelines.estimate.work import Work
+from v3studio.pipelines.stages import STAGES
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.training import joint_steps
@@ -12,10 +14,10 @@ from v3studio.studio.training.camera_refinement import all_steps
 from v3studio.studio.training.pruning import prune_rounds
 
 UNCERTAINTY = 0.25
-"""Of the time: about one run in ten is further off, most often because splats become more or fewer than assumed."""
+"""Share of the time: about one run in ten is further off, most often since splats become more or fewer than assumed."""
 
 _BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
-"""Of the visual hull; the longest side of a performer's box is about twice the others, so a quarter of the voxels."""
+"""Memory of the visual hull. The longest side of a performer's box is about twice the others: a quarter of the voxels."""
 
 _BYTES_A_SPLAT = 0.96  # of a stream per splat and frame at QP 24: measured on the sample capture, groups of 15 frames
 _BYTES_A_QP = 0.0754  # natural logarithm of the ratio of bytes from one QP to the next lower one, on the same capture
@@ -72,45 +74,56 @@ class Estimate:
 
 def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     """The stages after calibration. `qp`: of a stream with the profile `motion`; None: of unknown size."""
-    splats, frames = work.splats, work.frames
-    sh = 3 * (work.train.sh_degree + 1) ** 2
-    cameras, evaluated = work.train_cameras, work.held_out_cameras or work.train_cameras
-    # Reading the footage shares the processor with training. Images are masked once if the cache holds them.
-    reading = measured.view * cameras * frames / work.threads
+    known = {"initialize": _initialize, "train": _train, "bake": partial(_bake, qp=qp), "evaluate": _evaluate}
+    stages = (
+        known[stage.name](work, measured)
+        if stage.name in known
+        else StageEstimate(stage.name, None, None, None, "not estimated")
+        for stage in STAGES[1:]
+    )
+    return Estimate(tuple(stages), work.splats, measured.processor)
+
+
+def _initialize(work: Work, measured: Measured) -> StageEstimate:
+    groups, cameras = len(work.groups), work.train_cameras
     opening = measured.camera * (cameras + work.held_out_cameras) / work.threads
     hull = measured.hull_fixed * cameras / min(cameras, 12) + measured.hull_square * work.resolution**2
-    hulls = len(work.groups) * hull
+    return StageEstimate(
+        "initialize",
+        groups * hull + opening + measured.view * cameras * groups / work.threads,
+        measured.memory + _BYTES_A_MASK_PIXEL * work.pixels + _BYTES_A_VOXEL * work.resolution**3,
+        groups * (work.points * 27 + 100_000 * 19),
+    )
+
+
+def _train(work: Work, measured: Measured) -> StageEstimate:
+    # Reading the footage shares the processor with training. Images are masked once if the cache holds them.
+    reading = measured.view * work.train_cameras * work.frames / work.threads
     refined = all_steps(work.train, work.train_cameras, work.held_out_cameras) if work.refines else 0
     refinement = measured.keyframe_step * work.points * refined
-    return Estimate(
-        (
-            StageEstimate(
-                "initialize",
-                hulls + opening + measured.view * cameras * len(work.groups) / work.threads,
-                measured.memory + _BYTES_A_MASK_PIXEL * work.pixels + _BYTES_A_VOXEL * work.resolution**3,
-                len(work.groups) * (work.points * 27 + 100_000 * 19),
-            ),
-            StageEstimate(
-                "train",
-                work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + refinement + reading,
-                measured.memory + work.at_once * work.memory_of_group,
-                frames * splats * 4 * (11 + sh) * (2 if work.train.joint_iterations else 1),
-                "assumes train.densify_max_splats splats before pruning, and the longest groups until they are known",
-            ),
-            StageEstimate(
-                "bake",
-                measured.baked_frame * frames,
-                measured.memory,
-                None if qp is None else round(frames * splats * _BYTES_A_SPLAT * math.exp(_BYTES_A_QP * (24 - qp))),
-                "not estimated for this profile or version" if qp is None else "half to twice, depending on the motion",
-            ),
-            StageEstimate(
-                "evaluate", (measured.evaluated_view + measured.view) * evaluated * frames, measured.memory, None
-            ),
-        ),
-        splats,
-        measured.processor,
+    sh = 3 * (work.train.sh_degree + 1) ** 2
+    return StageEstimate(
+        "train",
+        work.waves({count: _group(work, measured, count) for count in set(work.groups)}) + refinement + reading,
+        measured.memory + work.at_once * work.memory_of_group,
+        work.frames * work.splats * 4 * (11 + sh) * (2 if work.train.joint_iterations else 1),
+        "assumes train.densify_max_splats splats before pruning, and the longest groups until they are known",
     )
+
+
+def _bake(work: Work, measured: Measured, qp: int | None) -> StageEstimate:
+    return StageEstimate(
+        "bake",
+        measured.baked_frame * work.frames,
+        measured.memory,
+        None if qp is None else round(work.frames * work.splats * _BYTES_A_SPLAT * math.exp(_BYTES_A_QP * (24 - qp))),
+        "not estimated for this profile or version" if qp is None else "half to twice, depending on the motion",
+    )
+
+
+def _evaluate(work: Work, measured: Measured) -> StageEstimate:
+    views = (work.held_out_cameras or work.train_cameras) * work.frames
+    return StageEstimate("evaluate", (measured.evaluated_view + measured.view) * views, measured.memory, None)
 
 
 def _group(work: Work, measured: Measured, frames: int) -> float:

@@ -9,6 +9,7 @@ from v3studio.pipelines.estimate import rehearsal
 from v3studio.pipelines.estimate.estimate import estimate
 from v3studio.pipelines.estimate.rehearsal import Measured
 from v3studio.pipelines.estimate.work import Work
+from v3studio.pipelines.stages import STAGES, stage_named
 from v3studio.studio.training import TrainSettings
 
 pytestmark = pytest.mark.long
@@ -26,6 +27,15 @@ WORK = Work(
 def train_seconds(work: Work, measured: Measured) -> float:
     (stage,) = (stage for stage in estimate(work, measured, None).stages if stage.stage == "train")
     return stage.seconds
+
+
+def test_a_stage_without_an_estimate_is_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    new = replace(stage_named("train"), name="tidy")
+    monkeypatch.setattr("v3studio.pipelines.estimate.estimate.STAGES", (*STAGES[:3], new, *STAGES[3:]))
+    found = estimate(WORK, Measured(baked_frame=2.0), None)
+    assert [stage.stage for stage in found.stages] == ["initialize", "train", "tidy", "bake", "evaluate"]
+    assert [stage.seconds for stage in found.stages] == [0, 0, None, 26, 0]
+    assert found.seconds == 26
 
 
 def test_each_kind_of_step_is_paid_for() -> None:
