@@ -19,7 +19,7 @@ from v3studio.pipelines.takes.results.evaluation import Protocol, read_evaluatio
 from v3studio.pipelines.takes.take import Take
 
 METHOD: dict[str, str | bool | int] = {"method": "pchip", "require_matching_points": False, "min_overlap": 0}
-"""Of `bjontegaard`: piecewise cubic interpolation over the range that both curves cover."""
+"""Options of `bjontegaard`: piecewise cubic interpolation over the range that both curves cover."""
 
 
 class RatePoint(Result):
@@ -155,9 +155,9 @@ def compare(variants: Sequence[VariantResult]) -> tuple[VariantResult, ...]:
     (Bjontegaard), by piecewise cubic interpolation (pchip) over the range that both curves cover."""
     import bjontegaard
 
-    curves = [monotonic((one.kb_per_frame, one.psnr_decoded) for one in entry.points) for entry in variants]
+    curves = [monotonic((point.kb_per_frame, point.psnr_decoded) for point in entry.points) for entry in variants]
     anchor = curves[0]
-    found = [variants[0]]
+    results = [variants[0]]
     for entry, (rates, qualities) in zip(variants[1:], curves[1:], strict=True):
         bd_rate = bd_psnr = None
         if min(len(rates), len(anchor[0])) >= 4:
@@ -165,8 +165,8 @@ def compare(variants: Sequence[VariantResult]) -> tuple[VariantResult, ...]:
                 bd_rate = round(float(bjontegaard.bd_rate(*anchor, rates, qualities, **METHOD)), 2)
             if min(max(rates), max(anchor[0])) > max(min(rates), min(anchor[0])):
                 bd_psnr = round(float(bjontegaard.bd_psnr(*anchor, rates, qualities, **METHOD)), 3)
-        found.append(entry.model_copy(update={"bd_rate_percent": bd_rate, "bd_psnr_db": bd_psnr}))
-    return tuple(found)
+        results.append(entry.model_copy(update={"bd_rate_percent": bd_rate, "bd_psnr_db": bd_psnr}))
+    return tuple(results)
 
 
 def monotonic(points: Iterable[tuple[float, float]]) -> tuple[list[float], list[float]]:

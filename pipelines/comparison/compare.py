@@ -168,19 +168,19 @@ def _earlier_images(out: Path) -> list[Path]:
     return [out / name for name in names]
 
 
-def _result(take: OpenedTake, found: Sequence[FrameOfTake], names: Sequence[str]) -> ComparedTake:
-    rows = [one.cameras for one in found if one.cameras]
+def _result(take: OpenedTake, frames: Sequence[FrameOfTake], names: Sequence[str]) -> ComparedTake:
+    rows = [frame.cameras for frame in frames if frame.cameras]
     by_camera = {name: [row[name] for row in rows if name in row] for name in names}
-    by_frame = [one.flicker for one in found if one.flicker is not None]
-    values = [one.flicker for one in by_frame]
-    borders = [one.flicker for one in by_frame if one.group_border]
+    by_frame = [frame.flicker for frame in frames if frame.flicker is not None]
+    flickers = [frame.flicker for frame in by_frame]
+    borders = [frame.flicker for frame in by_frame if frame.group_border]
     return ComparedTake(
         name=take.name,
         folder=str(take.take.root),
         measures=_means([_means(list(row.values())) for row in rows]),
         cameras={name: _means(seen) for name, seen in by_camera.items() if seen},
         trained_on=tuple(name for name in names if name in take.trained_on),
-        flicker=round(_mean(values), 4) if values else None,
+        flicker=round(_mean(flickers), 4) if flickers else None,
         flicker_at_group_borders=round(_mean(borders), 4) if borders else None,
         flicker_by_frame=tuple(by_frame),
         total_bytes=take.reader.played_bytes,
@@ -213,9 +213,9 @@ def _protocol(
 
 
 def _means(rows: Sequence[Measures]) -> Measures:
-    values = {metric.name: [row[metric.name] for row in rows if metric.name in row] for metric in METRICS}
-    return {name: round(_mean(found), 5) for name, found in values.items() if found}
+    figures = {metric.name: [row[metric.name] for row in rows if metric.name in row] for metric in METRICS}
+    return {name: round(_mean(column), 5) for name, column in figures.items() if column}
 
 
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
+def _mean(figures: Sequence[float]) -> float:
+    return sum(figures) / len(figures)

@@ -45,7 +45,7 @@ class FrameMeasurer:
                 pairs = self._pairs(take, before, lambda: tick(False))
                 self._before[take.name] = {camera: pair.residual for camera, pair in pairs}
         views: dict[str, dict[str, ViewPair]] = {}
-        found = []
+        frames = []
         for take in self.takes:
             row: dict[str, Measures] = {}
             residuals: dict[str, Residual] = {}
@@ -58,10 +58,10 @@ class FrameMeasurer:
             flicker = None
             if change is not None:
                 flicker = FlickerOfFrame(frame=int(frame), flicker=change, group_border=frame in take.group_starts)
-            found.append(FrameOfTake(cameras=row, flicker=flicker))
+            frames.append(FrameOfTake(cameras=row, flicker=flicker))
             self._before[take.name] = residuals
         self._last = frame
-        return tuple(found), views
+        return tuple(frames), views
 
     def _pairs(self, take: OpenedTake, frame: int, tick: Callable[[], None]) -> Iterator[tuple[str, ViewPair]]:
         """The views of cameras that see the performer."""

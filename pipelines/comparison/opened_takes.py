@@ -52,7 +52,7 @@ def open_takes(
     spec = first.capture.replace(cameras=names, held_out=(), scale=protocol.scale or first.capture.scale)
     run = first.config.run
     seen: dict[bytes, Footage] = {}
-    found: list[OpenedTake] = []
+    opened: list[OpenedTake] = []
     for folder, name in zip(folders, _names(folders), strict=True):
         own = _inputs(folder)
         # takes with the same cameras share decoded images
@@ -67,8 +67,8 @@ def open_takes(
                 threads=run.thread_count,
                 evaluation_masks=first.config.evaluate.exact_masks,
             )
-        found.append(_opened(name, own, seen[key], closing))
-    return found, names
+        opened.append(_opened(name, own, seen[key], closing))
+    return opened, names
 
 
 def _inputs(folder: Path) -> Inputs:

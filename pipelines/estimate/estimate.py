@@ -1,6 +1,7 @@
 """Minutes, memory and bytes of each stage, from counted work and measured seconds per unit."""
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -17,7 +18,7 @@ UNCERTAINTY = 0.25
 """Share of the time: about one run in ten is further off, most often since splats become more or fewer than assumed."""
 
 _BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
-"""Memory of the visual hull. The longest side of a performer's box is about twice the others: a quarter of the voxels."""
+"""Memory of the visual hull: the longest side of a box is about twice the others, so a quarter of the voxels."""
 
 _BYTES_A_SPLAT = 0.96  # of a stream per splat and frame at QP 24: measured on the sample capture, groups of 15 frames
 _BYTES_A_QP = 0.0754  # natural logarithm of the ratio of bytes from one QP to the next lower one, on the same capture
@@ -74,7 +75,12 @@ class Estimate:
 
 def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
     """The stages after calibration. `qp`: of a stream with the profile `motion`; None: of unknown size."""
-    known = {"initialize": _initialize, "train": _train, "bake": partial(_bake, qp=qp), "evaluate": _evaluate}
+    known: dict[str, Callable[[Work, Measured], StageEstimate]] = {
+        "initialize": _initialize,
+        "train": _train,
+        "bake": partial(_bake, qp=qp),
+        "evaluate": _evaluate,
+    }
     stages = (
         known[stage.name](work, measured)
         if stage.name in known

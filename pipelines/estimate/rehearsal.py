@@ -35,8 +35,8 @@ from v3studio.studio.training import TrainingView, train_interframe, train_keyfr
 SECONDS = 12.0  # of training in the rehearsal: half for the keyframe, a quarter each for motion and fine-tuning
 _CAMERAS = 12  # most cameras that are read; more would take minutes for large rigs
 RESOLUTIONS = (32, 96, 144)
-"""Of the hulls that are made; the first only loads the libraries. A hull's time is a constant plus one that grows with
-the square of its resolution, as the number of its triangles does."""
+"""Resolutions of the hulls that are made; the first only loads the libraries. A hull's time is a constant plus one that
+grows with the square of its resolution, as the number of its triangles does."""
 _UNSTEADY = 0.25  # the first part of the steps of each kind, which is not measured
 
 
@@ -144,7 +144,7 @@ def _read(inputs: Inputs) -> tuple[list[FootageView], list[TrainingView], dict[s
 
 
 def _hulls(settings: InitializeSettings, work: Work, views: list[FootageView]) -> tuple[InitResult, dict[str, float]]:
-    """As many initial points as there are splats after densification, on a coarse hull; and seconds of hulls."""
+    """Initial points on a coarse hull, as many as there are splats after densification; and seconds of hulls."""
     seconds = []
     for resolution in RESOLUTIONS:
         faces = max(100, round(settings.max_faces * (resolution / settings.resolution) ** 2))

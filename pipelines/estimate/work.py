@@ -53,7 +53,7 @@ class Work:
 
     @property
     def splats_before_pruning(self) -> int:
-        """Of a keyframe, if no splats become transparent; on the sample capture, nearly none do."""
+        """Splats of a keyframe, if none become transparent; on the sample capture, nearly none do."""
         train = self.train
         first = (train.densify_from // train.densify_every + 1) * train.densify_every
         grows = first < min(train.densify_until, train.keyframe_iterations + 1)
@@ -61,7 +61,7 @@ class Work:
 
     @property
     def splats(self) -> int:
-        """Of a trained frame."""
+        """Splats of a trained frame."""
         return splats_after_pruning(self.train, self.splats_before_pruning)
 
     def waves(self, seconds_of_group: dict[int, float]) -> float:

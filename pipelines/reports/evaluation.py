@@ -149,10 +149,10 @@ def _calibration(take: Take) -> dict[str, str | float]:
 
 
 def _timings(take: Take, stages: Sequence[str]) -> list[tuple[str, float, str]]:
-    """Of each stage: its duration in seconds, and its main figures."""
-    found = []
+    """The duration in seconds and the main figures of each stage."""
+    rows = []
     for stage in stages:
         record = read_record(take, stage)
         if record is not None and record.seconds is not None:
-            found.append((stage, record.seconds, summary_words(stage, record.summary)))
-    return found
+            rows.append((stage, record.seconds, summary_words(stage, record.summary)))
+    return rows

@@ -43,7 +43,7 @@ class Stage:
 
     @property
     def group_code(self) -> GroupStageCode:
-        """The same of a stage with `by_group`."""
+        """The functions of a stage with `by_group`."""
         return cast("GroupStageCode", self.code)
 
     def make_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:

@@ -76,14 +76,14 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
     remove(plan.folder)
     for path in set(inputs.take.work(STAGE.name).glob("group_*.json")) - set(map(plan.note_path, plan.parts)):
         remove(path)
-    psnrs = [one.psnr_to_trained for one in best if one.psnr_to_trained is not None]
+    psnrs = [rendition.psnr_to_trained for rendition in best if rendition.psnr_to_trained is not None]
     return BakeSummary(
         groups=len(plan.parts),
         frames=manifest.frame_count,
         renditions=max(1, len(settings.ladder)),
         bytes=manifest.total_bytes,
         bytes_per_frame=round(manifest.played_bytes() / manifest.frame_count),
-        qps=tuple(one.qp for one in best),
+        qps=tuple(rendition.qp for rendition in best),
         psnr_to_trained=min(psnrs, default=None),
         unsmoothed=tuple(part.index for part, note in zip(plan.parts, notes, strict=True) if not note.smoothed),
     )

@@ -34,20 +34,20 @@ def camera_file(settings: FileSettings) -> Path | None:
                 "settings.file_not_found", "no such file", file=path, value=settings.rig, fix=fix, setting="capture.rig"
             )
         return path
-    found = _in(settings.root)
-    if not found:
+    files = _in(settings.root)
+    if not files:
         below = _folder_of_footage(settings)
-        found = _in(below) if below is not None else []
-    if not found and _is_named_above(settings.root):
-        found = [settings.root.parent / "transforms.json"]
-    if len(found) > 1:
-        names = [str(path.relative_to(settings.root)) for path in found]
+        files = _in(below) if below is not None else []
+    if not files and _is_named_above(settings.root):
+        files = [settings.root.parent / "transforms.json"]
+    if len(files) > 1:
+        names = [str(path.relative_to(settings.root)) for path in files]
         problem = f"several calibrations found ({', '.join(names)})"
         fix = "Set capture.rig to one of them."
         raise StudioError(
             "camera_file.several", problem, file=settings.root, fix=fix, setting="capture.rig", found=names
         )
-    return found[0] if found else None
+    return files[0] if files else None
 
 
 def camera_file_text(footage: Footage) -> str:
@@ -82,10 +82,10 @@ def _folder_of_footage(settings: FileSettings) -> Path | None:
 def _in(root: Path) -> list[Path]:
     """The calibrations of a capture's folder."""
     folders = [root / name for name in _FOLDERS]
-    found = [path for folder in folders if folder.is_dir() for path in find_camera_files(folder)]
-    exact = [path for path in found if path in folders or path.parent in folders]  # not those of VideoGS's frames
+    files = [path for folder in folders if folder.is_dir() for path in find_camera_files(folder)]
+    exact = [path for path in files if path in folders or path.parent in folders]  # not those of VideoGS's frames
     patterns = [root / pattern for form in CAMERA_FORMATS for pattern in form.per_camera]
-    return exact or found[:1] or [pattern for pattern in patterns if _is_of_cameras(pattern)][:1]
+    return exact or files[:1] or [pattern for pattern in patterns if _is_of_cameras(pattern)][:1]
 
 
 def _is_of_cameras(pattern: Path) -> bool:

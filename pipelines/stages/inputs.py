@@ -121,9 +121,9 @@ class Inputs:
     def groups(self) -> tuple[Group, ...]:
         """The take's frames in groups: as if nobody moved until `pipelines.stages.grouping` knows how they do."""
         path, frames = self.take.motion, self.raw_footage.frames
-        found = read_model(path, FoundMotion) if path.is_file() else FoundMotion()
-        known = found.frames == frames
-        return cut_into_groups(frames, self.config.train.group_size, found.motion if known else None)
+        stored = read_model(path, FoundMotion) if path.is_file() else FoundMotion()
+        known = stored.frames == frames
+        return cut_into_groups(frames, self.config.train.group_size, stored.motion if known else None)
 
     @property
     def threads(self) -> int:
@@ -146,8 +146,8 @@ def choose_device(name: str) -> str:
     if name.startswith("cuda"):
         count = torch.cuda.device_count() if torch.cuda.is_available() else 0
         if int(name.partition(":")[2] or 0) >= count:
-            found = f"torch found {count} GPUs, numbered from 0" if count else "torch found no GPU"
-            problem = f"run.device is {name}, but {found}"
+            present = f"torch found {count} GPUs, numbered from 0" if count else "torch found no GPU"
+            problem = f"run.device is {name}, but {present}"
             fix = "Set run.device to cpu or auto."
             raise StudioError("run.no_gpu", problem, value=name, fix=fix, setting="run.device", gpus=count)
     return name

@@ -40,8 +40,8 @@ def known_cameras(section: CalibrateSettings, footage: Footage) -> Rig | None:
             raise StudioError("settings.missing", problem, fix=fix, setting="calibrate.known_cameras")
         return None
     known = read_rig(named_file(section, "known_cameras", footage.spec.root))
-    found = match_rig(replace(known, left_out=()), footage.camera_names)  # each camera must be known
-    return Rig(tuple(at_footage_size(camera, footage) for camera in found.values()))
+    matched = match_rig(replace(known, left_out=()), footage.camera_names)  # each camera must be known
+    return Rig(tuple(at_footage_size(camera, footage) for camera in matched.values()))
 
 
 def at_footage_size(camera: Camera, footage: Footage) -> Camera:
@@ -68,12 +68,12 @@ def focal_lengths(footage: Footage, frame: int) -> dict[str, float]:
     """Focal lengths in pixels by camera name, where EXIF data have one; read by COLMAP."""
     import pycolmap
 
-    found = {}
+    lengths = {}
     for name in footage.camera_names:
         file = footage.file_of(name, frame)
         if file is None or file.suffix.lower() not in (".jpg", ".jpeg", ".tif", ".tiff"):
             continue
         camera = pycolmap.infer_camera_from_image(file)
         if camera.has_prior_focal_length:
-            found[name] = float(camera.mean_focal_length())
-    return found
+            lengths[name] = float(camera.mean_focal_length())
+    return lengths

@@ -14,13 +14,13 @@ def settings_affecting(config: Config, *results: str) -> Params:
     """Settings by dotted name that affect any of `results`, as their fields declare with `Affects`; those of a record
     by the names of its items. `capture.root` is never among them: a capture may move, and the digest of its files
     identifies it."""
-    found: Params = {}
+    affecting: Params = {}
     for name, value in values_of(config).items():
         if not set(results).isdisjoint(affected(Config)[name]):
-            found |= (
+            affecting |= (
                 {f"{name}.{key}": item for key, item in value.items()} if isinstance(value, dict) else {name: value}
             )
-    return found
+    return affecting
 
 
 def key_of(stage: str, version: int, *parts: Any) -> str:

@@ -132,7 +132,7 @@ class StageReporter:
         )
 
     def _seconds_left(self, elapsed: float, fraction: float) -> float | None:
-        """From the mean pace since the first progress, or, if that is faster, since the stage has warmed up."""
+        """Seconds left by the mean pace since the first progress, or, if that is faster, since the stage warmed up."""
         if fraction > 0 and (not self._warming or elapsed <= self._warming[0][0] + _WARM_SECONDS):
             self._warming.append((elapsed, fraction))
         if fraction == 1:
@@ -143,7 +143,7 @@ class StageReporter:
         if early or fraction < 0.01 or fraction <= first:
             return None
         warm = start + min(spent / 2, _WARM_SECONDS)
-        since, behind = next(one for one in reversed(self._warming) if one[0] <= warm)
+        since, behind = next(point for point in reversed(self._warming) if point[0] <= warm)
         pace = min(spent / (fraction - first), (elapsed - since) / max(fraction - behind, 1e-9))
         return (1 - fraction) * pace
 

@@ -149,7 +149,7 @@ def _train_groups(
 
 
 def group_key(inputs: Inputs, group: Group) -> str:
-    """See `GroupStageCode`: the keys of the outermost frames cover those between them."""
+    """The digest of a group: the keys of its outermost frames cover those between them."""
     plan = TrainPlan(inputs)
     keys = plan.final_keys(plan.keys(group))
     return key_of(STAGE.name, STAGE.version, keys[0], keys[-1])

@@ -73,7 +73,7 @@ def _finetuned(
     plan: BakePlan, part: Part, edited: EditedGroup, reporter: StageReporter, start: float, stop: float
 ) -> tuple[dict[tuple[float, int | None, int], Sequence[Gaussians]], float]:
     """Frames of the fine-tuned rungs by their kind, and the progress when they are trained."""
-    found: dict[tuple[float, int | None, int], Sequence[Gaussians]] = {}
+    frames: dict[tuple[float, int | None, int], Sequence[Gaussians]] = {}
     rungs, training = finetuned_rungs(plan.inputs.config), plan.training
     new = [rung for rung in rungs if not training.finished(part.trained, rung)]
     share = 0.7 * (stop - start) / max(1, len(new))  # of the work, roughly
@@ -81,6 +81,6 @@ def _finetuned(
         end = start + share * (rung in new)
         progress = reporter.part(f"group {part.index}: fine-tuning {rung.kept}", start, end)
         offsets = training.offsets(part.trained, rung, reporter, progress)
-        found[rung.kind] = finetuned_frames(edited, part.indices, offsets)
+        frames[rung.kind] = finetuned_frames(edited, part.indices, offsets)
         start = end
-    return found, start
+    return frames, start

@@ -37,16 +37,16 @@ class RenderedError:
         if index not in self._trained:
             self._trained[index] = self._render(index, self.frames[index])
         errors, background = [], np.array(self.background, dtype=np.float32)
-        for trained, found in zip(self._trained[index], self._render(index, decoded), strict=True):
+        for trained, image in zip(self._trained[index], self._render(index, decoded), strict=True):
             differs = (np.abs(trained - background) > 1 / 255).any(axis=2)
             box = padded_box(np.where(differs, 255, 0), 0) or (slice(None), slice(None))
-            errors.append(float(np.square(trained[box] - found[box]).mean()))
+            errors.append(float(np.square(trained[box] - image[box]).mean()))
         return sum(errors) / len(errors)
 
     def _render(self, index: int, gaussians: Gaussians) -> list[np.ndarray]:
         count = len(self.cameras)
         chosen = sorted({index % count, (index + count // 2) % count})
-        return [render(gaussians, self.cameras[one], self.background, self.device, _WIDTH) for one in chosen]
+        return [render(gaussians, self.cameras[number], self.background, self.device, _WIDTH) for number in chosen]
 
 
 def rendered_contribution(
@@ -61,7 +61,7 @@ def rendered_contribution(
         for camera in cameras:
             check()
             smaller = camera.scaled(_WIDTH / camera.width) if camera.width > _WIDTH else camera
-            found = contribution(gaussians.to(device), [smaller]).cpu().numpy()
-            total = found if total is None else total + found
+            seen = contribution(gaussians.to(device), [smaller]).cpu().numpy()
+            total = seen if total is None else total + seen
     assert total is not None
     return total

@@ -58,10 +58,10 @@ def parts_of(groups: Sequence[Group], first_size: int | None, trim: Trim | None 
 def planned_parts(inputs: Inputs) -> tuple[Part, ...]:
     """The groups of a take's stream, in order. Raises StudioError: `edits.no_frames_left`, or bad edits."""
     trim = inputs.edits.trim
-    found = parts_of(inputs.groups, inputs.config.bake.first_group_size, trim)
-    if not found and trim is not None:
+    parts = parts_of(inputs.groups, inputs.config.bake.first_group_size, trim)
+    if not parts and trim is not None:
         raise no_frames_left(inputs.take, trim, inputs.raw_footage.frames)
-    return found
+    return parts
 
 
 def baked_frames(inputs: Inputs) -> range:

@@ -83,12 +83,12 @@ class RungTraining:
         from v3studio.studio.training.offsets import SplatOffsets
 
         path, key = self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung)
-        found = read_tensors(path, key)
-        if found is None:
-            found = self._train(group, rung, key, reporter, progress).to_tensors()
-            write_tensors(path, found, FrameMetadata(key=key, group=group.index))
+        tensors = read_tensors(path, key)
+        if tensors is None:
+            tensors = self._train(group, rung, key, reporter, progress).to_tensors()
+            write_tensors(path, tensors, FrameMetadata(key=key, group=group.index))
             remove(path.with_suffix(".checkpoint"))
-        return SplatOffsets.from_tensors(found)
+        return SplatOffsets.from_tensors(tensors)
 
     def _train(self, group: Group, rung: Rung, key: str, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:
         import torch

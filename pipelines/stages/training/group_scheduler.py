@@ -56,7 +56,7 @@ def memory_of_group(inputs: Inputs) -> int:
 
     footage = inputs.calibrated_footage
     pixels = [footage.rig[name].width * footage.rig[name].height for name in footage.train_cameras]
-    each = sum(max(_BYTES_A_PIXEL * one, _BYTES_A_SMALL_PIXEL * min(one, CACHED_PIXELS)) for one in pixels)
+    each = sum(max(_BYTES_A_PIXEL * count, _BYTES_A_SMALL_PIXEL * min(count, CACHED_PIXELS)) for count in pixels)
     longest = max((len(group.frames) for group in inputs.groups), default=1)
     joint = joint_bytes(sum(pixels), longest) if inputs.config.train.joint_iterations else 0
     return each + joint + _BYTES_A_DRAWN_PIXEL * max(pixels, default=1)

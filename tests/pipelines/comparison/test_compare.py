@@ -2,6 +2,7 @@ import errno
 import json
 import shutil
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -11,7 +12,7 @@ import pytest
 
 from tests.support.errors import refuses
 from tests.support.streams import contents
-from tests.support.tiny_capture import environment, run_take
+from tests.support.tiny_capture import Done, environment, run_take
 from tests.support.warm_python import warm_python
 from v3studio.pipelines.comparison.compare import compare
 from v3studio.pipelines.takes.results.evaluation import read_evaluation
@@ -29,7 +30,9 @@ def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     return folder / "fine", folder / "coarse" / "take"
 
 
-def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
+def test_it_measures_what_the_evaluation_measures(
+    two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path
+) -> None:
     done = here("compare", *two, "--out", tmp_path / "out").ok()
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     fine, coarse = found["takes"]
@@ -57,7 +60,9 @@ def test_it_measures_what_the_evaluation_measures(two, here, tmp_path):
     assert cv2.imread(str(tmp_path / "out" / images[0]))[60:].any(), "differences are shown"
 
 
-def test_an_earlier_comparison_stays_until_the_next_is_written(two, here, tmp_path, monkeypatch):
+def test_an_earlier_comparison_stays_until_the_next_is_written(
+    two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fails(path, value):
         raise OSError(errno.ENOSPC, "no space")
 
@@ -69,7 +74,9 @@ def test_an_earlier_comparison_stays_until_the_next_is_written(two, here, tmp_pa
     assert {name: data for name, data in contents(tmp_path).items() if ".comparing" not in str(name)} == before
 
 
-def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_path):
+def test_an_earlier_comparison_is_replaced_and_other_images_stay(
+    two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path
+) -> None:
     earlier = {"protocol": {"cameras": ["cam2", "left/cam4"], "frames": [1]}}
     again = ("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
     values = here(*again, "--json").result
@@ -84,7 +91,7 @@ def test_an_earlier_comparison_is_replaced_and_other_images_stay(two, here, tmp_
     assert names == ["cam4_000000.png", "cam9_000001.png", "comparison.json", "poster.png"]
 
 
-def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two, tmp_path):
+def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two: tuple[Path, Path], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
 
     def progress(done: int, total: int) -> None:
@@ -122,7 +129,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Mock:
     return counting
 
 
-def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkeypatch):
+def test_a_comparison_that_was_killed_goes_on_where_it_was(
+    two: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compare(two, tmp_path / "whole", PROTOCOLS["box"])
     killed(*two, tmp_path / "out")
     left = contents(tmp_path / "out")
@@ -137,7 +146,9 @@ def test_a_comparison_that_was_killed_goes_on_where_it_was(two, tmp_path, monkey
     assert not (tmp_path / "out" / ".comparing").exists()
 
 
-def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tmp_path, monkeypatch):
+def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(
+    two: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compare(two, tmp_path / "whole", PROTOCOLS["box"], images=0)
     measured = counted(monkeypatch)
     killed(*two, tmp_path / "out")
@@ -156,7 +167,7 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(two, tm
         assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
-def test_mistakes_are_one_sentence(two, here, tmp_path):
+def test_mistakes_are_one_sentence(two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path) -> None:
     out = ("--out", tmp_path / "out")
     here("compare", two[0], "--protocol", "hifi4g", *out).fails("no camera '48'", "--cameras")
     here("compare", two[0], two[0], *out).fails("the same take is named twice")

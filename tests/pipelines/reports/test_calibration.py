@@ -50,7 +50,7 @@ class Page(HTMLParser):
         self.words.append(data)
 
 
-def test_warnings():
+def test_warnings() -> None:
     high = next(calibration_warnings(report_with(1.5)))
     assert (high.code, high.value) == ("calibration.reprojection_error", 1.5)
     said = list(calibration_warnings(with_camera(report_with(0.3), "right", mean=1.4, coverage=0.2)))
@@ -63,7 +63,7 @@ def test_warnings():
     assert "calibration.match_inlier_ratio" not in [message.code for message in fine]
 
 
-def test_weak_cameras_are_named_with_their_uncertainty():
+def test_weak_cameras_are_named_with_their_uncertainty() -> None:
     figures = {"agree": {"left <1>": 0.32, "right": 0.8}, "uncertain_degrees": {"left <1>": 0.1, "right": 0.41}}
     report = report_with(0.3, uncertain={"left <1>": 0.002, "right": 0.012}, **figures)
     weak = next(calibration_warnings(report))
@@ -76,13 +76,13 @@ def test_weak_cameras_are_named_with_their_uncertainty():
     assert "calibration.weak_cameras" not in [message.code for message in calibration_warnings(sure)]
 
 
-def test_a_focal_length_that_cannot_be():
+def test_a_focal_length_that_cannot_be() -> None:
     found = next(calibration_warnings(with_camera(report_with(0.3), "right", usual_focal=50.0)))
     assert (found.code, found.value) == ("calibration.focal_length", 100)
     assert (found.fields["camera"], found.fields["expected"]) == ("right", 50)
 
 
-def test_shared_intrinsics():
+def test_shared_intrinsics() -> None:
     assert intrinsics_sentences(report_with(0.3)) == []
     cameras = ["left <1>", "right"]
     shared = SharedIntrinsicsReport(images=cameras, shared=True, misfit=3.4)
@@ -98,7 +98,7 @@ def test_shared_intrinsics():
         assert words in intrinsics_sentences(report_with(0.3, match_inlier_ratio=0.8, aspect=aspect))[0]
 
 
-def test_the_page_shows_the_grade_and_what_was_checked_not_a_rating_of_the_error():
+def test_the_page_shows_the_grade_and_what_was_checked_not_a_rating_of_the_error() -> None:
     verdict = RigVerdict(
         grade="usable",
         reason="Camera right disagrees with the others.",

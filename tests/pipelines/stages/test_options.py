@@ -1,8 +1,12 @@
+from collections.abc import Callable
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from tests.studio.capture.test_timecode import film
+from tests.support.tiny_capture import Done
 
 
 @pytest.mark.parametrize(
@@ -20,7 +24,7 @@ def test_a_boards_sizes_are_numbers_in_millimeters(here, tmp_path, options, said
     assert not (tmp_path / "b.pdf").exists()
 
 
-def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, tmp_path):
+def test_sync_refuses_offsets_of_cameras_that_are_not_there(here: Callable[..., Done], tmp_path: Path) -> None:
     """In 14 frames a square moves."""
     for name in ("left", "right"):
         folder = tmp_path / "capture" / "images" / name
@@ -37,7 +41,7 @@ def test_sync_refuses_offsets_of_cameras_that_are_not_there(here, tmp_path):
     here("sync", moving, "--capture.offsets", "{left: 2}").ok()  # looked for again, not applied
 
 
-def test_sync_by_timecode_prints_the_offsets_to_set(here, tmp_path):
+def test_sync_by_timecode_prints_the_offsets_to_set(here: Callable[..., Done], tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     for name, label in (("left", "23:59:59:24"), ("right", "00:00:00:02")):
         film(tmp_path / "videos" / f"{name}.mp4", label)
