@@ -114,6 +114,21 @@ def keep_freed_memory() -> None:
     mallopt(_M_TRIM_THRESHOLD, _MOST_KEPT)
 
 
+@contextlib.contextmanager
+def plot_style(**settings: Any) -> Iterator[None]:
+    """Make and draw figures within with Matplotlib's defaults and these settings, in whose names `_` stands for `.`.
+
+    Matplotlib reads a file `matplotlibrc` in the working folder, which may be someone else's take or footage, and
+    `text.usetex: True` in it starts LaTeX.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update({name.replace("_", "."): value for name, value in settings.items()})
+        yield
+
+
 def claim_stdout() -> None:
     """Redirect `sys.stdout` to a private copy of standard output, and file descriptor 1 to standard error.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from v3studio.pipelines.ablation.study import AblationResults
 from v3studio.pipelines.reports.plots import figure_with_axes
 from v3studio.studio.atomic_files import write_bytes
+from v3studio.studio.process import plot_style
 
 
 def table_rows(results: AblationResults, qp: int) -> list[list[str]]:
@@ -36,6 +37,7 @@ def _fixed(value: float | None, digits: int) -> str:
     return "" if value is None else f"{value:.{digits}f}"
 
 
+@plot_style()
 def write_plot(results: AblationResults, path: Path) -> None:
     """Write the rate-distortion curves as PNG."""
     figure, axes = figure_with_axes(9, 5.5)

@@ -10,6 +10,7 @@ from v3studio.pipelines.takes.results.evaluation import Evaluation, FrameQuality
 from v3studio.pipelines.takes.results.stage_files import TrainedGroup
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison.metrics import FLICKER
+from v3studio.studio.process import plot_style
 
 MARK_COLOR = "tab:red"
 
@@ -38,18 +39,17 @@ def figure_with_axes(width: float, height: float) -> tuple[Any, Any]:
     return figure, axes
 
 
+@plot_style(svg_fonttype="none", svg_hashsalt="v3studio", font_size=9)
 def _svg(plot_into: Any, data: Any, marked: list[int]) -> str:
-    import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "v3studio", "font.size": 9}):
-        figure, axes = figure_with_axes(8, 2.6)
-        if not plot_into(axes, data):
-            return ""
-        for frame in marked:
-            axes.axvline(frame, ymax=0.08, color=MARK_COLOR, linewidth=2, gid=f"mark {frame}")
-        buffer = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+    figure, axes = figure_with_axes(8, 2.6)
+    if not plot_into(axes, data):
+        return ""
+    for frame in marked:
+        axes.axvline(frame, ymax=0.08, color=MARK_COLOR, linewidth=2, gid=f"mark {frame}")
+    buffer = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
 

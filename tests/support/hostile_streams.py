@@ -161,6 +161,7 @@ def plant(folder: Path, told: Path) -> None:
     for name in PLANTED:
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(f"open({str(told)!r}, 'a').write(__file__ + chr(10))\n")
+    (folder / "matplotlibrc").write_text("text.usetex: True\n")  # would start LaTeX
 
 
 def executed(told: Path) -> str:

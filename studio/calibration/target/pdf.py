@@ -8,6 +8,7 @@ import numpy as np
 from v3studio.studio.atomic_files import atomic_path
 from v3studio.studio.calibration.target.pattern import CalibrationTarget
 from v3studio.studio.errors import StudioError
+from v3studio.studio.process import plot_style
 
 PAPERS = {  # millimeters, portrait
     "a4": (210.0, 297.0),
@@ -22,6 +23,7 @@ _EDGE = 8.0  # unprintable margin in millimeters
 _TEXT = 9.0  # millimeters for the ruler and text below the target
 
 
+@plot_style(pdf_compression=6)
 def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str = "fit") -> tuple[float, float]:
     """Write a target as a PDF, atomically; returns width and height of the page in millimeters.
 
@@ -34,7 +36,6 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
             cannot be written (target.unwritable).
     """
     path = Path(path)
-    from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
@@ -53,7 +54,7 @@ def write_target_pdf(target: CalibrationTarget, path: Path | str, *, paper: str 
     # no date or host name in the file: the same target gives the same bytes
     about = {"Title": describe(target), "Creator": "V3 Studio", "Producer": None, "CreationDate": None}
     try:
-        with atomic_path(path) as temporary, rc_context({"pdf.compression": 6}):
+        with atomic_path(path) as temporary:
             FigureCanvasPdf(figure).print_pdf(str(temporary), metadata=about)
     except OSError as error:
         fix = "Check the free space and permissions."

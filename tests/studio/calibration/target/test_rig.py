@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import matplotlib
 import numpy as np
 import pytest
 
@@ -149,7 +150,8 @@ def test_the_pdf_has_true_scale(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(places[:, :, 0], axis=1), 30.0, atol=0.1)
     np.testing.assert_allclose(np.diff(places[:, :, 1], axis=0), 30.0, atol=0.1)
     again = tmp_path / "again.pdf"
-    write_target_pdf(target, again, paper="a4")
+    with matplotlib.rc_context({"text.usetex": True}):  # as by a file in the working folder; starts LaTeX
+        write_target_pdf(target, again, paper="a4")
     assert again.read_bytes() == (tmp_path / "board.pdf").read_bytes()
 
 
