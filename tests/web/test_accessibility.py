@@ -138,3 +138,32 @@ def test_the_focus_passes_through(page):
             seen.append(page.evaluate("() => document.activeElement.id"))
         assert seen[-1] == "after"
     page.evaluate("() => { for (const id of ['before', 'after']) document.getElementById(id).remove(); }")
+
+
+WORDS = """() => {
+  const root = document.querySelector('v3-player').shadowRoot;
+  const all = [...root.querySelectorAll('*')].filter(one => one.closest('.head, .time, kbd, td, style') === null);
+  const named = all.flatMap(one => ['aria-label', 'title'].map(name => one.getAttribute(name)));
+  const texts = all.flatMap(one => [...one.childNodes].filter(node => node.nodeType === 3).map(node => node.data));
+  return [...named, ...texts].map(text => text?.trim()).filter(text => /[a-z]{2}/i.test(text ?? ''));
+}"""
+
+
+@pytest.mark.parametrize(("browser_language", "attribute"), [("ja-JP", None), ("en-US", "ja"), ("fr-FR", "ja-JP")])
+def test_all_words_are_in_the_language_of_the_author_or_the_browser(
+    site, stream, open_page, browser_language, attribute
+):
+    if attribute is not None:
+        index = site.folder / "index.html"
+        index.write_text(index.read_text().replace("<v3-player ", f'<v3-player lang="{attribute}" '))
+    page = open_page("?t=0.3", locale=browser_language, reduced_motion="reduce")
+    page.handle.locator("v3-player .stage").press("i")
+    page.wait("player.shadowRoot.querySelector('.info th')")
+    latin = [text for text in page.evaluate(WORDS) if text.isascii() and text not in ("VR", "AR")]
+    assert latin == []
+    assert page.handle.locator("v3-player .bar").get_attribute("lang") == "ja"
+
+
+def test_a_language_that_the_player_lacks_is_english(stream, open_page):
+    page = open_page("?t=0.3", locale="fr-FR", reduced_motion="reduce")
+    assert page.handle.locator("v3-player [data-act='settings']").get_attribute("title") == "Settings"

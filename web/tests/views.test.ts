@@ -5,7 +5,7 @@ import { test } from "node:test";
 import { FADE, OrbitCamera, type Pinhole, placeIn, visibility } from "../src/render/camera.ts";
 import type { Player } from "../src/player/player.ts";
 import type { Camera, Vector } from "../src/stream/metadata.ts";
-import { clock, plural } from "../src/ui/format.ts";
+import { clock } from "../src/ui/format.ts";
 import { readPath, spline } from "../src/ui/intro.ts";
 import { parseView } from "../src/ui/link.ts";
 import { ticks } from "../src/review/curves.ts";
@@ -86,7 +86,6 @@ void test("links may leave out what stays as it is", () => {
 
 void test("times are rounded", () => {
   assert.deepEqual([0.48, 0.44, 59.96, 61.25, 3599.99].map(clock), ["0:00.5", "0:00.4", "1:00.0", "1:01.3", "60:00.0"]);
-  assert.deepEqual([0, 1, 2].map((n) => plural(n, "stall")), ["0 stalls", "1 stall", "2 stalls"]);
 });
 
 void test("the spline passes through its points with continuous velocity", () => {

@@ -1,9 +1,10 @@
 /** What the viewer can do with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists the same. */
 
 import type { Controls } from "./controls.ts";
+import type { Words } from "./words.ts";
 
 const kbd = (...keys: readonly string[]): string =>
-  keys.map((key) => `<kbd>${key === " " ? "Space" : key.toUpperCase().replace("<", "&lt;")}</kbd>`).join(" ");
+  keys.map((key) => `<kbd>${key.length === 1 ? key.toUpperCase().replace("<", "&lt;") : key}</kbd>`).join(" ");
 
 /** What something does, and how: with fingers, and with mouse and keys. HTML. */
 export interface HelpLine {
@@ -14,7 +15,7 @@ export interface HelpLine {
 
 interface Action {
   /** A line of *Help*, to which the keys are added; gestures are in motion.ts and timeline.ts. HTML. */
-  readonly help?: HelpLine;
+  readonly help?: (words: Words) => HelpLine;
   /** As in `KeyboardEvent.key`; letters in lower case. */
   readonly keys?: readonly string[];
   /** `data-act` of its buttons (template.ts). */
@@ -25,23 +26,23 @@ interface Action {
 
 /** In the order of *Help*. */
 const ACTIONS: readonly Action[] = [
-  { help: { what: "Turn", touch: "drag with one finger", keys: `left button, ${kbd("←", "→", "↑", "↓")}` } },
-  { help: { what: "Move", touch: "drag with two fingers", keys: `right button, <kbd>Shift</kbd> with the above` } },
-  { help: { what: "Zoom", touch: "pinch", keys: `wheel, ${kbd("+", "−")}` } },
-  { help: { what: "Reset view", touch: "double tap", keys: "double click" }, keys: ["r"], act: "reset", run: ({ motion }) => motion.reset() },
-  { help: { what: "Controls", touch: "tap: show or hide" } },
-  { help: { what: "Seek", touch: "drag along the timeline" } },
-  { help: { what: "Play, pause" }, keys: [" ", "k"], act: "play", run: (controls) => controls.togglePlay() },
-  { help: { what: "Back, forward 1 s" }, keys: ["j", "l"], run: (controls, key) => controls.skip(key === "j" ? -1 : 1) },
-  { help: { what: "Previous, next frame" }, keys: [",", "."], run: (controls, key) => controls.step(key === "," ? -1 : 1) },
-  { help: { what: "Slower, faster" }, keys: ["<", ">"], run: (controls, key) => controls.changeSpeed(key === "<" ? -1 : 1) },
-  { help: { what: "Sound" }, keys: ["m"], act: "sound", run: (controls) => controls.toggleSound() },
-  { help: { what: "Background" }, keys: ["b"], run: (controls) => controls.nextBackground() },
-  { help: { what: "Full screen" }, keys: ["f"], act: "full", run: (controls) => void controls.toggleFull() },
-  { help: { what: "Statistics" }, keys: ["i"], act: "info", run: ({ sheets }) => sheets.toggle("info") },
-  { help: { what: "Share" }, keys: ["c"], act: "link", run: (controls) => controls.share() },
-  { help: { what: "Help" }, keys: ["?"], act: "help", run: ({ sheets }) => sheets.toggle("help") },
-  { help: { what: "Gamepad", keys: "left stick turns, right stick moves, triggers zoom; A plays, B resets the view" } },
+  { help: (words) => ({ what: words.turn, touch: words.oneFinger, keys: `${words.leftButton}, ${kbd("←", "→", "↑", "↓")}` }) },
+  { help: (words) => ({ what: words.move, touch: words.twoFingers, keys: `${words.rightButton}, <kbd>Shift</kbd> ${words.withAbove}` }) },
+  { help: (words) => ({ what: words.zoom, touch: words.pinchOnly, keys: `${words.wheel}, ${kbd("+", "−")}` }) },
+  { help: (words) => ({ what: words.reset, touch: words.doubleTap, keys: words.doubleClick }), keys: ["r"], act: "reset", run: ({ motion }) => motion.reset() },
+  { help: (words) => ({ what: words.controls, touch: words.tap }) },
+  { help: (words) => ({ what: words.seek, touch: words.dragTimeline }) },
+  { help: (words) => ({ what: words.playPause }), keys: [" ", "k"], act: "play", run: (controls) => controls.togglePlay() },
+  { help: (words) => ({ what: words.second }), keys: ["j", "l"], run: (controls, key) => controls.skip(key === "j" ? -1 : 1) },
+  { help: (words) => ({ what: words.frame }), keys: [",", "."], run: (controls, key) => controls.step(key === "," ? -1 : 1) },
+  { help: (words) => ({ what: words.slower }), keys: ["<", ">"], run: (controls, key) => controls.changeSpeed(key === "<" ? -1 : 1) },
+  { help: (words) => ({ what: words.sound }), keys: ["m"], act: "sound", run: (controls) => controls.toggleSound() },
+  { help: (words) => ({ what: words.background }), keys: ["b"], run: (controls) => controls.nextBackground() },
+  { help: (words) => ({ what: words.full }), keys: ["f"], act: "full", run: (controls) => void controls.toggleFull() },
+  { help: (words) => ({ what: words.statistics }), keys: ["i"], act: "info", run: ({ sheets }) => sheets.toggle("info") },
+  { help: (words) => ({ what: words.share }), keys: ["c"], act: "link", run: (controls) => controls.share() },
+  { help: (words) => ({ what: words.help }), keys: ["?"], act: "help", run: ({ sheets }) => sheets.toggle("help") },
+  { help: (words) => ({ what: words.gamepad, keys: words.gamepadMore }) },
   { keys: ["Escape"], run: ({ sheets }) => sheets.close() },
   { act: "start", run: ({ host }) => host.play() },
   { act: "update", run: ({ host }) => host.openUpdated() },
@@ -53,10 +54,11 @@ const ACTIONS: readonly Action[] = [
   { act: "close", run: ({ sheets }) => sheets.close() },
 ];
 
-export const HELP: readonly HelpLine[] = ACTIONS.flatMap(({ help, keys = [] }) => {
+export const helpLines = (words: Words): HelpLine[] => ACTIONS.flatMap(({ help, keys = [] }) => {
   if (help === undefined) return [];
-  const parts = [help.keys, kbd(...keys)].filter(Boolean);
-  return [parts.length === 0 ? help : { ...help, keys: parts.join(", ") }];
+  const line = help(words);
+  const parts = [line.keys, kbd(...keys.map((key) => (key === " " ? words.space : key)))].filter(Boolean);
+  return [parts.length === 0 ? line : { ...line, keys: parts.join(", ") }];
 });
 
 /** Runs the actions of buttons and keys, below a shadow root and on its host. */

@@ -16,12 +16,12 @@ export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
 
 /** Available backgrounds; null is transparent. "stream" is the background suggested by the stream. */
 export const BACKGROUNDS = {
-  stream: { label: "As recorded", color: null },
-  black: { label: "Black", color: [0, 0, 0] },
-  gray: { label: "Gray", color: [0.22, 0.24, 0.27] },
-  white: { label: "White", color: [1, 1, 1] },
-  green: { label: "Green", color: [0, 0.69, 0.25] },
-  none: { label: "Transparent", color: null },
+  stream: { color: null },
+  black: { color: [0, 0, 0] },
+  gray: { color: [0.22, 0.24, 0.27] },
+  white: { color: [1, 1, 1] },
+  green: { color: [0, 0.69, 0.25] },
+  none: { color: null },
 } as const;
 
 export type BackgroundName = keyof typeof BACKGROUNDS;

@@ -15,6 +15,7 @@ import { Motion } from "./motion.ts";
 import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
 import { Timeline } from "./timeline.ts";
+import { type Words, wordsOf } from "./words.ts";
 
 const IDLE = 3000; // milliseconds without user input until the controls hide
 const NOTICE = 5000;
@@ -41,6 +42,7 @@ export class Controls {
   readonly motion: Motion;
   readonly timeline: Timeline;
   readonly sheets: Sheets;
+  private readonly words: Words;
   /** The session in a headset or on the camera's image; null if there is none. */
   immersive: Immersive | null = null;
   /** Further URL parameters of links to a review. */
@@ -61,8 +63,14 @@ export class Controls {
   ) {
     for (const [name, { color }] of Object.entries(BACKGROUNDS))
       this.part(`.swatch.${name}`).style.setProperty("--color", cssColor(color));
+    const words = wordsOf(host);
+    this.words = words;
     const stage = this.part(".stage");
-    this.timeline = new Timeline(this.part(".timeline"), player);
+    stage.setAttribute("aria-roledescription", words.kind);
+    this.part(".start").setAttribute("aria-label", words.play);
+    this.part(".spinner").setAttribute("aria-label", words.loading);
+    this.part("[data-act='again']").textContent = words.again;
+    this.timeline = new Timeline(this.part(".timeline"), player, words);
     this.hint = new Hint(this.part(".hint"));
     this.sheets = new Sheets(root, (name) => this.showSheet(name));
     this.motion = new Motion(stage, player, {
@@ -90,7 +98,7 @@ export class Controls {
       if (file === undefined) return;
       event.preventDefault();
       if (/\.v3s$/i.test(file.name)) host.open(file);
-      else this.notice(`${file.name} is not a stream in one file (.v3s).`);
+      else this.notice(words.notStream(file.name));
     }, { signal });
     // Fingers on the image decide themselves; the comparison of the review keeps its events to itself, hence the capture.
     const stay = (event: PointerEvent): void => {
@@ -100,7 +108,7 @@ export class Controls {
     for (const kind of ["pointerdown", "pointermove"] as const) host.addEventListener(kind, stay, { signal, capture: true });
     document.addEventListener("fullscreenchange", () => {
       const full = document.fullscreenElement === host;
-      this.relabel("full", full ? ICONS.small : ICONS.full, full ? "Exit full screen" : "Full screen");
+      this.relabel("full", full ? ICONS.small : ICONS.full, full ? words.notFull : words.full);
     }, { signal });
     signal.addEventListener("abort", () => this.end());
     this.follow(player);
@@ -120,12 +128,12 @@ export class Controls {
     player.on("opened", (info) => this.showOpened(info));
     player.on("ready", () => this.showReady());
     player.on("play", () => {
-      this.say("Playing");
+      this.say(this.words.playing);
       this.showPlaying(true);
       this.awake();
     });
     player.on("pause", () => {
-      this.say(`Paused at ${player.seconds.toFixed(1)} of ${player.duration.toFixed(1)} seconds`);
+      this.say(this.words.paused(player.seconds.toFixed(1), player.duration.toFixed(1)));
       this.showPlaying(false);
       this.awake();
     });
@@ -142,7 +150,7 @@ export class Controls {
     player.on("updated", () => {
       this.part(".update").hidden = false;
     });
-    player.on("ended", () => this.say("The end"));
+    player.on("ended", () => this.say(this.words.end));
     player.on("sound", () => this.showSound());
     player.on("notice", () => this.timeline.updateBuffered());
   }
@@ -156,7 +164,7 @@ export class Controls {
     this.showSound();
     this.fade();
     this.awake();
-    if (host.hasAttribute("controls")) this.hint.show(this.motion.ownsWheel());
+    if (host.hasAttribute("controls")) this.hint.show(this.motion.ownsWheel(), this.words);
   }
 
   private showOpened(info: StreamInfo): void {
@@ -170,7 +178,7 @@ export class Controls {
     this.part(".credits").textContent = names;
     this.part(".head").hidden = !this.isPage || (title === "" && names === "");
     if (title !== "" && this.isPage) document.title = title;
-    this.part(".stage").setAttribute("aria-label", title === "" ? "Volumetric video" : `Volumetric video: ${title}`);
+    this.part(".stage").setAttribute("aria-label", [this.words.video, title].filter(Boolean).join(": "));
     this.part(".total").textContent = `/ ${clock(player.duration)}`;
     this.fade();
   }
@@ -178,14 +186,14 @@ export class Controls {
   private showSound(): void {
     const { sound } = this.player;
     this.part("[data-act='sound']").hidden = !sound.present;
-    this.relabel("sound", sound.muted ? ICONS.silent : ICONS.sound, sound.muted ? "Turn sound on" : "Turn sound off");
+    this.relabel("sound", sound.muted ? ICONS.silent : ICONS.sound, sound.muted ? this.words.soundOn : this.words.soundOff);
     if (!sound.blocked || this.toldOfSound) return;
     this.toldOfSound = true;
-    this.notice("The browser starts without sound. Turn it on with the button below.");
+    this.notice(this.words.silent);
   }
 
   private showPlaying(playing: boolean): void {
-    this.relabel("play", playing ? ICONS.pause : ICONS.play, playing ? "Pause" : "Play");
+    this.relabel("play", playing ? ICONS.pause : ICONS.play, playing ? this.words.pause : this.words.play);
     // The large button is only shown before the first playback.
     this.part(".start").hidden = playing || this.played || this.player.isMoment;
     this.played ||= playing;
@@ -196,7 +204,7 @@ export class Controls {
     const { visibility } = this.player;
     this.part(".stage > canvas").style.opacity = visibility < 1 ? String(FAINTEST + (1 - FAINTEST) * visibility) : "";
     const outside = visibility <= 0.5;
-    if (outside && !this.outside) this.notice("Not filmed from here.");
+    if (outside && !this.outside) this.notice(this.words.outside);
     this.outside = outside;
   }
 
@@ -253,14 +261,14 @@ export class Controls {
     const now = this.player.speed;
     const faster = SPEEDS.filter((speed) => (step > 0 ? speed > now : speed < now));
     this.host.setSpeed(faster.at(step > 0 ? 0 : -1) ?? now);
-    this.notice(`Speed: ${this.player.speed}×.`);
+    this.notice(this.words.chosen(this.words.speed, `${this.player.speed}×`));
   }
 
   nextBackground(): void {
     const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => !isSuggested(name, this.suggested));
     const next = names[(names.indexOf(this.background) + 1) % names.length];
     this.host.setBackground(next);
-    this.notice(`Background: ${BACKGROUNDS[next].label}.`);
+    this.notice(this.words.chosen(this.words.background, this.words.backgrounds[next]));
   }
 
   /** Shares the page's link. A page with a review, which has `data-link`, asks which link: its own address would let others
@@ -277,17 +285,17 @@ export class Controls {
     } catch {
       // some browsers forbid it on pages that were opened from the disk
     }
-    void this.giveLink(address, "Link to this time and view copied.");
+    void this.giveLink(address, this.words.copied);
   }
 
   shareToWatch(): void {
     const base = new URL(this.host.getAttribute("data-link") ?? "", document.baseURI).href;
-    void this.giveLink(this.linkFrom(base), "Link to watch copied. It opens this moment without the review.");
+    void this.giveLink(this.linkFrom(base), this.words.copiedToWatch);
   }
 
   shareReview(): void {
     const address = this.linkFrom(location.href, this.reviewParameters());
-    void this.giveLink(address, "Link to this review copied. Anyone who has it sees the footage and can change marks.");
+    void this.giveLink(address, this.words.copiedReview);
   }
 
   private linkFrom(base: string, more: Readonly<Record<string, string>> = {}): string {
@@ -314,7 +322,7 @@ export class Controls {
       if (document.fullscreenElement === this.host) await document.exitFullscreen();
       else await this.host.requestFullscreen();
     } catch (error) {
-      this.notice(`Full screen is not available: ${messageOf(error)}.`);
+      this.notice(this.words.unavailable(this.words.full, messageOf(error)));
     }
   }
 
@@ -326,13 +334,13 @@ export class Controls {
     if (!this.host.state.ready) return;
     this.sheets.close();
     try {
-      this.immersive = await Immersive.start(kind, this.player, this.host, (text) => this.notice(text), () => {
+      this.immersive = await Immersive.start(kind, this.player, this.host, (placed) => this.notice(placed ? this.words.adjustAR : this.words.placeAR), () => {
         this.immersive = null;
         this.showImmersion(kind, false);
       });
       this.showImmersion(kind, true);
     } catch (error) {
-      this.notice(`${kind.toUpperCase()} is not available: ${messageOf(error)}.`);
+      this.notice(this.words.unavailable(kind.toUpperCase(), messageOf(error)));
     }
   }
 
@@ -345,7 +353,7 @@ export class Controls {
   private showSheet(name: SheetName | null): void {
     clearInterval(this.figuresTimer);
     if (name === "info") {
-      const show = (): void => showFigures(this.part(".info tbody"), this.player);
+      const show = (): void => showFigures(this.part(".info tbody"), this.player, this.words);
       show();
       this.figuresTimer = setInterval(show, 500);
     }

@@ -15,6 +15,3 @@ export function bytes(count: number): string {
 export const milliseconds = (value: number): string => (value === 0 ? "–" : `${value.toFixed(value < 10 ? 1 : 0)} ms`);
 
 export const count = (value: number): string => value.toLocaleString("en-US");
-
-/** A number and its noun: "1 stall", "2 stalls". */
-export const plural = (value: number, noun: string): string => `${count(value)} ${noun}${value === 1 ? "" : "s"}`;

@@ -1,6 +1,7 @@
 /** Tells first-time viewers that the view can be turned, until they have turned it once. */
 
 import { remembered } from "./dom.ts";
+import type { Words } from "./words.ts";
 
 const KEY = "v3-has-turned"; // in this browser, somebody has moved a view before
 const ALWAYS = 10_000; // milliseconds until the hint goes and comes with the controls
@@ -14,12 +15,12 @@ export class Hint {
 
   /** Shows it if the view was never turned in this browser. `wheel`: whether the wheel zooms, rather than scrolls the page
    * around the player. */
-  show(wheel: boolean): void {
+  show(wheel: boolean, words: Words): void {
     if (this.done || remembered(KEY) !== "") return;
     this.element.classList.add("shown");
     const fingers = matchMedia("(any-pointer: coarse)").matches;
-    this.element.querySelector("b")!.textContent = "Drag to turn";
-    this.element.querySelector("small")!.textContent = fingers ? "pinch to zoom" : wheel ? "scroll to zoom" : "";
+    this.element.querySelector("b")!.textContent = words.drag;
+    this.element.querySelector("small")!.textContent = fingers ? words.pinch : wheel ? words.scroll : "";
     this.timer = setTimeout(() => this.element.classList.add("brief"), ALWAYS);
   }
 

@@ -5,12 +5,14 @@ import { type HelpLine, listen } from "./actions.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import css from "./style.css";
 import { helpRow, template } from "./template.ts";
+import { languageOf, wordsOf } from "./words.ts";
 
 export { flyPath, loadPath } from "./intro.ts";
 
 /** Adds the controls to a player's element. */
 export function addControls(host: ControlsHost, root: ShadowRoot, player: Player, signal: AbortSignal): Controls {
-  root.querySelector(".failure")!.insertAdjacentHTML("beforebegin", template());
+  root.querySelector(".failure")!.insertAdjacentHTML("beforebegin", template(wordsOf(host)));
+  for (const part of root.children) if (part instanceof HTMLElement) part.lang = languageOf(host);
   const sheet = new CSSStyleSheet();
   sheet.replaceSync(css);
   root.adoptedStyleSheets.push(sheet);

@@ -1,9 +1,10 @@
 /** The elements of the controls. */
 
-import { HELP, type HelpLine } from "./actions.ts";
-import { BACKGROUNDS, SPEEDS } from "./choices.ts";
+import { type HelpLine, helpLines } from "./actions.ts";
+import { type BackgroundName, BACKGROUNDS, SPEEDS } from "./choices.ts";
 import { ICONS } from "./icons.ts";
 import { canShare } from "./give_link.ts";
+import type { Words } from "./words.ts";
 
 const button = (act: string, label: string, icon: string, more = ""): string =>
   `<button type="button" data-act="${act}" aria-label="${label}" title="${label}" ${more}>${icon}</button>`;
@@ -15,9 +16,6 @@ const radios = (name: string, title: string, choices: readonly [value: string, l
     `<label title="${label}"><input type="radio" name="${name}" value="${value}"><span ${more}>${label}</span></label>`).join("")}</div>
 </div>`;
 
-const swatch = (name: string, { label }: { label: string }): [string, string, string] =>
-  [name, label, `class="swatch ${name}"`];
-
 export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";
   const cells = [touch && `<span class="touch">${touch}</span>`, keys && `<span class="keys">${keys}</span>`].join("");
@@ -25,69 +23,69 @@ export const helpRow = ({ what, touch, keys }: HelpLine): string => {
 };
 
 /** Of a sheet. */
-const heading = (title: string): string =>
-  `<h2>${title} <button type="button" class="close" data-act="close" aria-label="Close" title="Close">${ICONS.close}</button></h2>`;
+const heading = (title: string, words: Words): string =>
+  `<h2>${title} <button type="button" class="close" data-act="close" aria-label="${words.close}" title="${words.close}">${ICONS.close}</button></h2>`;
 
 /** Shown where the device has them. */
-const immersions = (more: string): string =>
-  button("vr", "Watch in VR", "VR", more) + button("ar", "Place in the room (AR)", "AR", more);
+const immersions = (words: Words, more: string): string =>
+  button("vr", words.vr, "VR", more) + button("ar", words.ar, "AR", more);
 
-export const template = (): string => `
-<p class="unseen" id="keys">Arrow keys turn, Shift and arrow keys move, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.</p>
+export const template = (words: Words): string => `
+<p class="unseen" id="keys">${words.keys}</p>
 <p class="unseen spoken" role="status" aria-live="polite"></p>
 <div class="top">
   <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
   <div class="notice" role="status" aria-live="polite"></div>
-  <div class="update" role="alert" hidden>This take was updated. <button type="button" class="plain" data-act="update">Show the new version</button></div>
+  <div class="update" role="alert" hidden>${words.updated} <button type="button" class="plain" data-act="update">${words.showUpdated}</button></div>
 </div>
 <div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
 <div class="bar" part="controls">
-  <div class="timeline" role="slider" tabindex="0" aria-label="Time" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
+  <div class="timeline" role="slider" tabindex="0" aria-label="${words.time}" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
   <div class="buttons">
-    ${button("play", "Play", ICONS.play)}
+    ${button("play", words.play, ICONS.play)}
     <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div>
-    ${button("sound", "Turn sound off", ICONS.sound, "hidden")}
+    ${button("sound", words.soundOff, ICONS.sound, "hidden")}
     <div class="gap"></div>
-    ${button("reset", "Reset view", ICONS.reset)}
-    ${button("link", "Share", canShare() ? ICONS.share : ICONS.link, "hidden")}
-    ${immersions('class="wide" hidden')}
-    ${button("info", "Statistics", ICONS.info, 'class="wide" aria-pressed="false"')}
-    ${button("settings", "Settings", ICONS.settings, 'aria-expanded="false"')}
-    ${button("full", "Full screen", ICONS.full)}
+    ${button("reset", words.reset, ICONS.reset)}
+    ${button("link", words.share, canShare() ? ICONS.share : ICONS.link, "hidden")}
+    ${immersions(words, 'class="wide" hidden')}
+    ${button("info", words.statistics, ICONS.info, 'class="wide" aria-pressed="false"')}
+    ${button("settings", words.settings, ICONS.settings, 'aria-expanded="false"')}
+    ${button("full", words.full, ICONS.full)}
   </div>
 </div>
-<div class="sheet settings" role="dialog" aria-label="Settings" tabindex="-1" hidden>
-  ${heading("Settings")}
+<div class="sheet settings" role="dialog" aria-label="${words.settings}" tabindex="-1" hidden>
+  ${heading(words.settings, words)}
   <div class="groups">
-    ${radios("speed", "Speed", SPEEDS.map((speed) => [`${speed}`, `${speed}×`, ""]))}
-    ${radios("loop", "At the end", [["true", "Loop", ""], ["false", "Stop", ""]])}
-    ${radios("background", "Background", Object.entries(BACKGROUNDS).map((one) => swatch(...one)))}
+    ${radios("speed", words.speed, SPEEDS.map((speed) => [`${speed}`, `${speed}×`, ""]))}
+    ${radios("loop", words.atEnd, [["true", words.loop, ""], ["false", words.stop, ""]])}
+    ${radios("background", words.background, Object.keys(BACKGROUNDS).map((name) => [name, words.backgrounds[name as BackgroundName], `class="swatch ${name}"`]))}
     <div>
-      <h3>More</h3>
+      <h3>${words.more}</h3>
       <div class="choices">
-        <button type="button" data-act="info">Statistics</button>
-        ${immersions("hidden")}
-        <button type="button" data-act="help">Help</button>
+        <button type="button" data-act="info">${words.statistics}</button>
+        ${immersions(words, "hidden")}
+        <button type="button" data-act="help">${words.help}</button>
       </div>
     </div>
   </div>
 </div>
-<div class="sheet help" role="dialog" aria-label="Help" tabindex="-1" hidden>
-  ${heading("Help")}
-  <table><tbody>${HELP.map(helpRow).join("")}</tbody></table>
+<div class="sheet help" role="dialog" aria-label="${words.help}" tabindex="-1" hidden>
+  ${heading(words.help, words)}
+  <table><tbody>${helpLines(words).map(helpRow).join("")}</tbody></table>
 </div>
-<section class="sheet info" aria-label="Statistics" tabindex="-1" hidden>
-  ${heading("Statistics")}
+<section class="sheet info" aria-label="${words.statistics}" tabindex="-1" hidden>
+  ${heading(words.statistics, words)}
   <table><tbody></tbody></table>
 </section>
-<div class="sheet copy" role="dialog" aria-label="Link" tabindex="-1" hidden>
-  ${heading("Link to this time and view")}
-  <input class="address" readonly aria-label="Link">
-  <p>This browser does not let the page copy: copy the selected link yourself.</p>
+<div class="sheet copy" role="dialog" aria-label="${words.link}" tabindex="-1" hidden>
+  ${heading(words.linkTo, words)}
+  <input class="address" readonly aria-label="${words.link}">
+  <p>${words.copyYourself}</p>
 </div>
-<div class="sheet which" role="dialog" aria-label="Which link" tabindex="-1" hidden>
-  ${heading("Link to this time and view")}
-  <button type="button" class="offer" data-act="link-watch"><b>Share link to watch</b><small>The player alone, without the review.</small></button>
-  <button type="button" class="offer" data-act="link-review"><b>Share link to this review</b><small>Secret: anyone who has it sees the footage and can change marks.</small></button>
+<div class="sheet which" role="dialog" aria-label="${words.whichLink}" tabindex="-1" hidden>
+  ${heading(words.linkTo, words)}
+  <button type="button" class="offer" data-act="link-watch"><b>${words.toWatch}</b><small>${words.toWatchMore}</small></button>
+  <button type="button" class="offer" data-act="link-review"><b>${words.toReview}</b><small>${words.toReviewMore}</small></button>
 </div>
 `;

@@ -3,6 +3,7 @@
 import type { Player } from "../player/player.ts";
 import { clock } from "./format.ts";
 import { Thumbnails } from "./thumbnails.ts";
+import type { Words } from "./words.ts";
 
 export class Timeline {
   private readonly track: HTMLElement;
@@ -15,7 +16,7 @@ export class Timeline {
   private next: number | null = null;
   private seeking = false;
 
-  constructor(readonly element: HTMLElement, private readonly player: Player) {
+  constructor(readonly element: HTMLElement, private readonly player: Player, private readonly words: Words) {
     element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="moments"></div><div class="knob"></div><div class="bubble"><canvas hidden></canvas><span></span></div>`;
     this.track = element.querySelector<HTMLElement>(".track")!;
     this.buffered = element.querySelector<HTMLElement>(".buffered")!;
@@ -135,7 +136,7 @@ export class Timeline {
     this.element.setAttribute("aria-valuenow", String(frame));
     this.element.setAttribute(
       "aria-valuetext",
-      `${(frame / info.fps).toFixed(1)} of ${(info.frameCount / info.fps).toFixed(1)} seconds, frame ${frame}`,
+      this.words.place((frame / info.fps).toFixed(1), (info.frameCount / info.fps).toFixed(1), frame),
     );
   }
 

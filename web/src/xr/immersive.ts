@@ -33,7 +33,7 @@ type Point = readonly [number, number];
 export class Immersive {
   /** Called from a click: browsers start sessions only then. `hint`: for the viewer, in AR on top of the camera's image. */
   static async start(
-    kind: Immersion, player: Player, overlay: HTMLElement, hint: (text: string) => void, ended: () => void,
+    kind: Immersion, player: Player, overlay: HTMLElement, hint: (placed: boolean) => void, ended: () => void,
   ): Promise<Immersive> {
     const session = await system()!.requestSession(MODES[kind], {
       requiredFeatures: [kind === "ar" ? "hit-test" : "local-floor"],
@@ -82,7 +82,7 @@ export class Immersive {
     private readonly hits: XRHitTestSource | null,
     private readonly player: Player,
     overlay: HTMLElement,
-    private readonly hint: (text: string) => void,
+    private readonly hint: (placed: boolean) => void,
     ended: () => void,
   ) {
     const { info } = player;
@@ -106,7 +106,7 @@ export class Immersive {
     });
     this.listenToTouches(overlay);
     player.enterImmersion(renderer);
-    if (kind === "ar") hint("Look at a table or the floor. Tap to place.");
+    if (kind === "ar") hint(false);
     session.requestAnimationFrame(this.frame);
   }
 
@@ -117,7 +117,7 @@ export class Immersive {
   private selected(): void {
     if (this.kind !== "ar" || !this.seen || this.pinched) return;
     this.placed = !this.placed;
-    this.hint(this.placed ? "Pinch to scale and turn. Tap to move it." : "Look at a table or the floor. Tap to place.");
+    this.hint(this.placed);
   }
 
   /** Another finger or hand: what came before must not be compared with what follows. */
