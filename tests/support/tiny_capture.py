@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -114,6 +115,9 @@ class Done(NamedTuple):
     def events(self) -> list[Event]:
         """With --json."""
         return events_in(self.stdout)
+
+
+Here = Callable[..., Done]
 
 
 def v3studio(*arguments: object) -> Done:

@@ -4,7 +4,7 @@ import hashlib
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 import pytest
 import support
-from driver import Page, Site
+from driver import Baked, OpenPage, Page, Site
 
 from tests.support.shared import made_once
 
@@ -151,7 +151,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 
 @pytest.fixture
-def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[Callable[..., Page]]:
+def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[OpenPage]:
     """`open_page(query, ...)`: the player's page on the stream in `site.stream`; `address`: any other page."""
     pages: list[Page] = []
     with ExitStack() as opened:
@@ -178,7 +178,7 @@ def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[Callabl
 
 
 @pytest.fixture(scope="session")
-def baked(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def baked(tmp_path_factory: pytest.TempPathFactory) -> Baked:
     """`baked(...)`: a stream of the test figure, baked once per kind; copy it to change it."""
 
     def get(**options: Any) -> Path:
@@ -190,7 +190,7 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def stream(site: Site, baked: Callable[..., Path]) -> Path:
+def stream(site: Site, baked: Baked) -> Path:
     """A stream of two groups (5 and 4 frames) at `stream/` of the site, which the test may change."""
     shutil.copytree(baked(), site.stream)
     return site.stream
@@ -213,10 +213,7 @@ _RESET = """() => {
 
 @pytest.fixture(scope="module")
 def shared_page(
-    request: pytest.FixtureRequest,
-    chromium: _Chromium,
-    baked: Callable[..., Path],
-    tmp_path_factory: pytest.TempPathFactory,
+    request: pytest.FixtureRequest, chromium: _Chromium, baked: Baked, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Page]:
     """One page for all tests of a file that only need a stream; `page` resets it. The file may have `scripts()` to run
     before those of the page, and its `SIZE`."""

@@ -7,6 +7,7 @@ import re
 import socket
 import threading
 import time
+from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -249,6 +250,10 @@ class Page:
         text = self.evaluate(_PICTURE, [camera, list(background)])
         pixels = np.frombuffer(base64.b64decode(text), np.uint8)
         return pixels.reshape(camera["height"], camera["width"], 4)[::-1, :, :3]
+
+
+OpenPage = Callable[..., Page]
+Baked = Callable[..., Path]
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:

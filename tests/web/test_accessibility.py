@@ -1,9 +1,11 @@
 """The page can be read, touched, and operated with keys alone: contrast, sizes, focus, and what screen readers find."""
 
 import io
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from driver import Page
 from PIL import Image
 
 pytestmark = pytest.mark.web
@@ -40,7 +42,7 @@ def have_contrast(page, *parts: str) -> None:
 
 
 @pytest.mark.parametrize("background", ["black", "gray", "white", "green"])
-def test_text_has_contrast_on_every_background(page, background):
+def test_text_has_contrast_on_every_background(page: Page, background: str) -> None:
     page.handle.set_viewport_size({"width": 390, "height": 844})
     page.evaluate(
         """() => {
@@ -59,14 +61,14 @@ def test_text_has_contrast_on_every_background(page, background):
 
 
 @pytest.fixture(params=["light", "dark"])
-def high_contrast(request, page):
+def high_contrast(request: pytest.FixtureRequest, page: Page) -> Iterator[Page]:
     """The page in the system's high contrast: forced colors, of a light and a dark theme."""
     page.handle.emulate_media(forced_colors="active", color_scheme=request.param)
     yield page
     page.handle.emulate_media(forced_colors="none", color_scheme="light")
 
 
-def test_controls_are_visible_in_high_contrast(high_contrast):
+def test_controls_are_visible_in_high_contrast(high_contrast: Page) -> None:
     page = high_contrast
     page.call("seek", 0.3)
     page.handle.mouse.move(320, 60)
@@ -86,7 +88,7 @@ def test_controls_are_visible_in_high_contrast(high_contrast):
 
 
 @pytest.mark.parametrize("size", [(390, 844), (740, 360)])
-def test_everything_to_touch_has_44_pixels(page, size):
+def test_everything_to_touch_has_44_pixels(page: Page, size: tuple[int, int]) -> None:
     page.handle.set_viewport_size({"width": size[0], "height": size[1]})
     assert page.evaluate(SMALL) == []
     page.click("settings")
@@ -106,7 +108,7 @@ def test_everything_to_touch_has_44_pixels(page, size):
         page.handle.keyboard.press("Escape")
 
 
-def test_radio_buttons_respond_to_arrow_keys(page):
+def test_radio_buttons_respond_to_arrow_keys(page: Page) -> None:
     page.click("settings")
     chosen = page.handle.locator("v3-player [name=speed]:checked")
     chosen.focus()
@@ -121,7 +123,7 @@ def test_radio_buttons_respond_to_arrow_keys(page):
     assert page.evaluate(focused) == "true", "one stop for each group"
 
 
-def test_the_focus_passes_through(page):
+def test_the_focus_passes_through(page: Page) -> None:
     """From the element before the player to the one after it, with Tab alone, also while a sheet is open."""
     page.evaluate(
         """() => {

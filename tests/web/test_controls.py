@@ -3,9 +3,11 @@
 import json
 import shutil
 import time
+from pathlib import Path
 
 import pytest
 import support
+from driver import Baked, OpenPage, Page, Site
 from PIL import Image
 
 from tests.support.streams import edit_manifest
@@ -35,7 +37,7 @@ def drag(page, dx, dy, *, button="left", keys=(), start=None):
         page.handle.keyboard.up(key)
 
 
-def test_the_mouse_orbits_pans_and_zooms(page):
+def test_the_mouse_orbits_pans_and_zooms(page: Page) -> None:
     home = page.state["view"]
     assert home["azimuth"] == 0
     assert abs(home["elevation"] - 10) < 0.01
@@ -59,7 +61,7 @@ def test_the_mouse_orbits_pans_and_zooms(page):
     assert page.state["view"] == home
 
 
-def test_what_is_dragged_follows_the_pointer(page):
+def test_what_is_dragged_follows_the_pointer(page: Page) -> None:
     """Orbiting right shows the figure's left: what is in front moves with the pointer."""
     script = """() => {
       const {camera} = document.querySelector('v3-player').engine;
@@ -76,7 +78,7 @@ def test_what_is_dragged_follows_the_pointer(page):
     assert abs(page.evaluate(script) - before - 60) < 15
 
 
-def test_fingers_and_their_help(stream, open_page):
+def test_fingers_and_their_help(stream: Path, open_page: OpenPage) -> None:
     page = open_page("?t=0", size=(400, 500), has_touch=True, is_mobile=True, **CALM)
     page.click("settings")
     page.handle.locator("v3-player .settings [data-act='help']").click()
@@ -113,7 +115,7 @@ def test_fingers_and_their_help(stream, open_page):
     assert page.state["view"] == home
 
 
-def test_a_first_visit_with_reduced_motion(stream, open_page):
+def test_a_first_visit_with_reduced_motion(stream: Path, open_page: OpenPage) -> None:
     """Nothing plays automatically; a hint and a large button invite, and neither is in the way."""
     spinner = """document.addEventListener('v3-ready', () => {
       const {shadowRoot} = document.querySelector('v3-player');
@@ -151,7 +153,7 @@ def test_a_first_visit_with_reduced_motion(stream, open_page):
     assert not start.is_visible()
 
 
-def test_keys(page):
+def test_keys(page: Page) -> None:
     assert page.handle.locator("v3-player [data-act='vr']:not([hidden])").count() == 0  # there is no headset
     assert not page.handle.locator("v3-player .start").is_visible()  # a link to a moment shows it
     keyboard = page.handle.keyboard
@@ -203,7 +205,7 @@ def test_keys(page):
     page.evaluate("() => { window.pads = []; }")
 
 
-def test_an_intro_until_the_first_input(site, stream, open_page):
+def test_an_intro_until_the_first_input(site: Site, stream: Path, open_page: OpenPage) -> None:
     eyes = [support.camera(azimuth) for azimuth in (60, 90)]
     keys = [{"time": 600 * i, "camera": eye.to_dict()} for i, eye in enumerate(eyes)]
     path = json.dumps({"format": "v3studio-camera-path", "version": 1, "keys": keys})
@@ -221,7 +223,7 @@ def test_an_intro_until_the_first_input(site, stream, open_page):
     assert page.state["view"]["azimuth"] == 20
 
 
-def test_the_timeline(page):
+def test_the_timeline(page: Page) -> None:
     line = page.handle.locator("v3-player .timeline")
     box = line.bounding_box()
     page.handle.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -248,7 +250,7 @@ def test_the_timeline(page):
     page.wait("player.state.frame === 0")
 
 
-def test_one_tap_opens_the_share_sheet_of_the_system(page):
+def test_one_tap_opens_the_share_sheet_of_the_system(page: Page) -> None:
     """A sheet that the viewer closes is no reason to copy; one that fails is."""
     share = """name => {
       navigator.share = async what => { window.shared = what; if (name) throw new DOMException('', name); };
@@ -268,7 +270,7 @@ def test_one_tap_opens_the_share_sheet_of_the_system(page):
     page.evaluate("() => { navigator.share = undefined; }")
 
 
-def test_a_link_leads_to_the_same_moment_and_view(page):
+def test_a_link_leads_to_the_same_moment_and_view(page: Page) -> None:
     page.seek_frame(6)
     drag(page, 70, 30)
     view = page.state["view"]
@@ -293,7 +295,7 @@ def test_a_link_leads_to_the_same_moment_and_view(page):
     assert all(part in notice for part in ("time", "view", "background", "decoder"))
 
 
-def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
+def test_an_iframe_is_commanded_by_messages(site: Site, stream: Path, open_page: OpenPage) -> None:
     (site.folder / "host.html").write_text(
         """<!doctype html><v3-player hidden></v3-player><iframe src="./?t=0" width="400" height="400"></iframe><script>
         window.told = [];
@@ -329,7 +331,7 @@ def test_an_iframe_is_commanded_by_messages(site, stream, open_page):
     assert {**after, "view": None} == {**state, "view": None}  # the view is still being reset
 
 
-def test_the_component_in_another_page_with_a_poster(site, stream, open_page):
+def test_the_component_in_another_page_with_a_poster(site: Site, stream: Path, open_page: OpenPage) -> None:
     Image.new("RGB", (8, 8), (200, 30, 30)).save(site.folder / "poster.png")
     (site.folder / "other.html").write_text(
         """<!doctype html><h1>Text</h1>
@@ -356,7 +358,7 @@ def test_the_component_in_another_page_with_a_poster(site, stream, open_page):
 
 
 @pytest.mark.parametrize("size", [(320, 480), (390, 844), (820, 1180), (1440, 900), (2880, 1620)])
-def test_all_controls_are_on_the_screen(page, size):
+def test_all_controls_are_on_the_screen(page: Page, size: tuple[int, int]) -> None:
     page.handle.set_viewport_size({"width": size[0], "height": size[1]})
     buttons = page.handle.locator("v3-player .bar button:visible")
     assert buttons.count() >= 4
@@ -377,7 +379,7 @@ def test_all_controls_are_on_the_screen(page, size):
     assert 0 <= notice["x"] <= size[0] - notice["width"]
 
 
-def test_the_picture_fades_where_nothing_was_filmed(site, baked, open_page):
+def test_the_picture_fades_where_nothing_was_filmed(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """The range of the stream: around the first view."""
     shutil.copytree(baked(), site.stream)
     covered = view_range([support.camera(0)], (0, 0, 0)).to_json()

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from driver import Baked, OpenPage, Site
 from PIL import Image
 
 pytestmark = pytest.mark.web
@@ -18,7 +19,7 @@ def open_host(site, open_page, attributes, **options):
     return open_page(path="/host.html", **options)
 
 
-def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site, baked, open_page):
+def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(ladder=(16,), splats=300, clicks=(0.12,)), site.stream)
     page = open_host(site, open_page, "controls muted autoplay loop", has_touch=True, is_mobile=True)
     page.wait("player.state.playing && (seen.looped ?? []).length && player.engine.sound.present")
@@ -32,7 +33,7 @@ def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site, baked, open
     assert page.state["view"]["elevation"] == pytest.approx(before["elevation"])
 
 
-def test_without_controls_there_are_none(stream, site, open_page):
+def test_without_controls_there_are_none(stream: Path, site: Site, open_page: OpenPage) -> None:
     page = open_host(site, open_page, "", reduced_motion="reduce")
     for part in (".bar", ".start", ".hint"):
         assert not page.handle.locator(f"v3-player {part}").is_visible()
@@ -54,7 +55,7 @@ def open_strict(site, baked, open_page, policy, *scripts):
     return open_page("", *scripts, path="/host.html", wait=False)
 
 
-def test_under_the_policy_of_the_guide(site, baked, open_page):
+def test_under_the_policy_of_the_guide(site: Site, baked: Baked, open_page: OpenPage) -> None:
     text = (Path(__file__).parents[2] / "docs" / "WEB.md").read_text(encoding="utf-8")
     assert f"Content-Security-Policy: {POLICY}\n" in text
     listen = (
@@ -71,7 +72,7 @@ def test_under_the_policy_of_the_guide(site, baked, open_page):
 
 
 @pytest.mark.parametrize("directive", ["worker-src blob:", "connect-src 'self'"])
-def test_a_policy_that_forbids_it_is_named(site, baked, open_page, directive):
+def test_a_policy_that_forbids_it_is_named(site: Site, baked: Baked, open_page: OpenPage, directive: str) -> None:
     """Over the poster."""
     page = open_strict(site, baked, open_page, POLICY.replace(f"{directive}; ", ""))
     page.wait("(seen.error ?? []).length")
@@ -80,7 +81,7 @@ def test_a_policy_that_forbids_it_is_named(site, baked, open_page, directive):
     assert page.handle.locator("v3-player .poster img").is_visible()
 
 
-def test_without_webgl_it_says_so_and_tries_again(site, stream, open_page):
+def test_without_webgl_it_says_so_and_tries_again(site: Site, stream: Path, open_page: OpenPage) -> None:
     lose = """window.original = HTMLCanvasElement.prototype.getContext;
       HTMLCanvasElement.prototype.getContext = () => null;"""
     page = open_page("", lose, wait=False)
@@ -91,7 +92,7 @@ def test_without_webgl_it_says_so_and_tries_again(site, stream, open_page):
     page.wait_ready()
 
 
-def test_a_sandbox_is_named(site, stream, open_page):
+def test_a_sandbox_is_named(site: Site, stream: Path, open_page: OpenPage) -> None:
     (site.folder / "host.html").write_text('<!doctype html><iframe sandbox="allow-scripts" src="./"></iframe>')
     page = open_page(path="/host.html", wait=False)
     alert = page.handle.frame_locator("iframe").get_by_role("alert")

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from driver import Baked, OpenPage, Site
 from PIL import Image
 
 from tests.support.shared import made_once
@@ -49,7 +50,7 @@ OTHER = {
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory):
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a page for each framework."""
     if not (ENGINES / "react").is_dir():
         if os.environ.get("CI"):
@@ -67,7 +68,9 @@ def pages(tmp_path_factory):
 
 
 @pytest.mark.parametrize("framework", FRAMEWORKS)
-def test_a_framework_mounts_changes_and_removes_it(site, stream, open_page, pages, framework):
+def test_a_framework_mounts_changes_and_removes_it(
+    site: Site, stream: Path, open_page: OpenPage, pages: Path, framework: str
+) -> None:
     Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
     shutil.copytree(pages, site.folder, dirs_exist_ok=True)
     page = open_page(path=f"/{framework}.html", wait=False, reduced_motion="reduce")
@@ -92,7 +95,7 @@ def test_a_framework_mounts_changes_and_removes_it(site, stream, open_page, page
     wait_until("ends its worker", lambda: page.evaluate("() => 1") and not page.handle.workers)
 
 
-def test_calls_before_it_is_in_the_page(site, stream, open_page):
+def test_calls_before_it_is_in_the_page(site: Site, stream: Path, open_page: OpenPage) -> None:
     (site.folder / "host.html").write_text('<!doctype html><script type="module" src="v3-player.js"></script>')
     page = open_page(path="/host.html", wait=False)
     page.wait("customElements.get('v3-player')")
@@ -137,7 +140,7 @@ def players(attributes: str, count: int) -> str:
     return MANY % (f'<v3-player src="stream/" poster="poster.png" controls {attributes}></v3-player>\n' * count)
 
 
-def test_many_on_a_page(site, baked, open_page):
+def test_many_on_a_page(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """Those that are seen are fetched and drawn, at most eight; others show a picture."""
     shutil.copytree(baked(splats=300), site.stream)
     Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
@@ -159,7 +162,7 @@ def test_many_on_a_page(site, baked, open_page):
     page.wait("player.state.ready && player.state.playing")
 
 
-def test_one_that_nobody_sees_stands_still(site, baked, open_page):
+def test_one_that_nobody_sees_stands_still(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(splats=300), site.stream)
     (site.folder / "host.html").write_text(
         MANY % '<v3-player src="stream/" loop></v3-player><p style="height: 3000px"></p>'
@@ -181,7 +184,9 @@ def test_one_that_nobody_sees_stands_still(site, baked, open_page):
 
 
 @pytest.mark.parametrize(("preload", "posters"), [("none", 0), ("poster", 1)])
-def test_nothing_is_fetched_before_it_is_played(site, stream, open_page, preload, posters):
+def test_nothing_is_fetched_before_it_is_played(
+    site: Site, stream: Path, open_page: OpenPage, preload: str, posters: int
+) -> None:
     Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
     (site.folder / "host.html").write_text(players(f'preload="{preload}"', 1))
     page = open_page(path="/host.html", wait=False, reduced_motion="reduce")

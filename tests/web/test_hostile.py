@@ -5,6 +5,7 @@ it must not hang, use more memory than the manifest specifies, or crash.
 import shutil
 
 import pytest
+from driver import Baked, OpenPage, Site
 
 from tests.support.hostile_streams import mutate
 from tests.support.streams import best_of, contents, edit_manifest, group_files, replace_file
@@ -41,7 +42,7 @@ PLAY = """async ([url, patience]) => {
 }"""
 
 
-def test_mutated_streams(site, baked, open_page):
+def test_mutated_streams(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """In one page: each is played or rejected with a sentence."""
     files = contents(baked())
     (site.folder / "hostile.html").write_text(PAGE)
@@ -93,7 +94,7 @@ REFUSED = {
 }
 
 
-def test_what_cannot_be_played_is_refused_in_a_sentence(site, baked, open_page):
+def test_what_cannot_be_played_is_refused_in_a_sentence(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """In one page, which then plays another stream."""
     page = open_page("?src=none/&t=0", wait=False)
     page.wait("(seen.error ?? []).length")

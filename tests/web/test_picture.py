@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import support
-from driver import psnr
+from driver import Baked, OpenPage, Site, psnr
 
 pytestmark = pytest.mark.web
 
@@ -35,7 +35,9 @@ _TAP = """{
 @pytest.mark.parametrize(
     ("decoder", "degree", "b_frames"), [("webcodecs", 3, 2), ("webcodecs-software", 0, 0), ("video", 0, 7)]
 )
-def test_every_luma_byte_and_what_cameras_see(site, baked, open_page, decoder, degree, b_frames):
+def test_every_luma_byte_and_what_cameras_see(
+    site: Site, baked: Baked, open_page: OpenPage, decoder: str, degree: int, b_frames: int
+) -> None:
     shutil.copytree(baked(degree=degree, b_frames=b_frames), site.stream)
     page = open_page(f"?decoder={decoder}&t=0", _TAP)
     frames = support.decoded(site.stream, *range(9))
@@ -74,7 +76,7 @@ def come_back_to_front(order, gaussians):
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_each_group_is_rendered_with_its_dilation(site, baked, open_page, profile):
+def test_each_group_is_rendered_with_its_dilation(site: Site, baked: Baked, open_page: OpenPage, profile: str) -> None:
     """In a small picture, where splats are about a pixel wide, it shows."""
     shutil.copytree(baked(profile=profile, dilations=(0.05, 0.9)), site.stream)
     page = open_page("?t=0")
@@ -88,7 +90,7 @@ def test_each_group_is_rendered_with_its_dilation(site, baked, open_page, profil
         assert psnr(found, support.draw(replace(gaussians, dilation=0.3), view)) < PSNR - 10  # it would be seen
 
 
-def test_planes_without_webcodecs_say_why_not(site, baked, open_page):
+def test_planes_without_webcodecs_say_why_not(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(profile="planes", qp=20), site.stream)
     page = open_page("?decoder=video", wait=False)
     page.wait("(seen.error ?? []).length")

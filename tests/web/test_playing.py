@@ -2,9 +2,11 @@
 
 import itertools
 import shutil
+from pathlib import Path
 
 import pytest
 import support
+from driver import Baked, OpenPage, Page, Site
 
 from tests.support.streams import damage, edit_manifest, group_files
 
@@ -15,7 +17,7 @@ DIFFERENT = "new Set(seen.time.map(({frame}) => frame)).size"
 """How many different frames were shown."""
 
 
-def test_it_plays_automatically_and_loops_until_it_shall_stop(site, stream, open_page):
+def test_it_plays_automatically_and_loops_until_it_shall_stop(site: Site, stream: Path, open_page: OpenPage) -> None:
     """Loops fetch nothing again."""
     # Slow, so that a busy machine drops few frames.
     edit_manifest(stream, lambda values: values.update(fps=8.0))
@@ -39,7 +41,7 @@ def test_it_plays_automatically_and_loops_until_it_shall_stop(site, stream, open
     assert not page.seen("notice")
 
 
-def test_seeking_shows_the_very_frame(page):
+def test_seeking_shows_the_very_frame(page: Page) -> None:
     assert page.state["frame"] == 0
     assert not page.state["playing"]
     for seconds, frame in ((0.16, 4), (0.2, 5), (0.0, 0), (99.0, 8), (0.04, 1)):
@@ -54,7 +56,7 @@ def test_seeking_shows_the_very_frame(page):
     assert page.state["frame"] == 7
 
 
-def test_damaged_groups_are_left_out(site, baked, open_page):
+def test_damaged_groups_are_left_out(site: Site, baked: Baked, open_page: OpenPage) -> None:
     stream = shutil.copytree(baked(lengths=(3,) * 8), site.stream)
     files = [group_files(stream, 1)[0], group_files(stream, 3)[1], group_files(stream, 5)[1]]
     for file, how in zip(files, ("flipped", "truncated", "missing"), strict=True):
@@ -74,7 +76,7 @@ def test_damaged_groups_are_left_out(site, baked, open_page):
     page.wait("player.state.frame === 12")
 
 
-def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
+def test_a_cut_connection_is_resumed_where_it_broke(site: Site, stream: Path, open_page: OpenPage) -> None:
     """And a slow one plays from the first group on."""
     video = f"files/{group_files(stream, 0)[1].name}"
     site.cut = {video: group_files(stream, 0)[1].stat().st_size - 100}
@@ -90,7 +92,7 @@ def test_a_cut_connection_is_resumed_where_it_broke(site, stream, open_page):
     assert not page.seen("error")
 
 
-def test_a_pause_during_a_wait_ends_it(site, stream, open_page):
+def test_a_pause_during_a_wait_ends_it(site: Site, stream: Path, open_page: OpenPage) -> None:
     video = f"files/{group_files(stream, 0)[1].name}"
     site.cut = {video: group_files(stream, 0)[1].stat().st_size - 100}
     page = open_page("?t=0")  # the first image, and no other
@@ -112,7 +114,7 @@ _LOSE = """() => new Promise(done => {
 })"""
 
 
-def test_the_context_is_lost_and_restored(page):
+def test_the_context_is_lost_and_restored(page: Page) -> None:
     page.seek_frame(2)
     view = support.camera_values(support.camera(30, size=(200, 250)))
     before = page.picture(view)
@@ -124,7 +126,7 @@ def test_the_context_is_lost_and_restored(page):
     page.wait("(seen.looped ?? []).length >= 1")
 
 
-def test_a_hidden_page_does_not_run_on(page):
+def test_a_hidden_page_does_not_run_on(page: Page) -> None:
     page.call("play")
     page.wait("player.state.frame > 0")
     # What switching tabs does: no animation frames for an hour, and the event before and after.
@@ -142,7 +144,7 @@ def test_a_hidden_page_does_not_run_on(page):
     assert not page.seen("error")
 
 
-def test_twenty_loops_need_no_more_memory(page):
+def test_twenty_loops_need_no_more_memory(page: Page) -> None:
     def used_after(loops: int) -> int:
         page.wait("(seen.looped ?? []).length >= argument", loops)
         page.evaluate("() => { window.seen = {}; }")  # what the test itself recorded

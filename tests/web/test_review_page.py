@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from driver import Page
+from driver import OpenPage, Page
 
 from tests.support.web_servers import running
 from v3studio.pipelines.share.player_files import read_player
@@ -74,7 +74,7 @@ def curve(page: Page, kind: str, low: float, high: float) -> list[float]:
     return [high - (high - low) * float(y) / 100 for _, y in points]
 
 
-def test_curves_and_figures_are_those_of_the_evaluation(page, take):
+def test_curves_and_figures_are_those_of_the_evaluation(page: Page, take: Take) -> None:
     values = json.loads(take.evaluation.read_text())
     assert not page.handle.locator(".v3-review .readout").is_visible(), "numbers are shown on request"
     page.handle.get_by_text("Numbers", exact=True).click()
@@ -100,7 +100,7 @@ def test_curves_and_figures_are_those_of_the_evaluation(page, take):
     page.handle.get_by_text("Numbers", exact=True).click()
 
 
-def test_a_comment_at_a_place_in_the_image(page, take):
+def test_a_comment_at_a_place_in_the_image(page: Page, take: Take) -> None:
     page.seek_frame(4)
     page.handle.get_by_role("button", name="Mark this frame").click()
     page.handle.get_by_placeholder("Note").fill("finger")
@@ -126,7 +126,7 @@ def test_a_comment_at_a_place_in_the_image(page, take):
     assert at() == pytest.approx([x, box["y"] + box["height"] * 0.4], abs=12), "the form has changed the image's shape"
 
 
-def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
+def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page: Page, take: Take) -> None:
     page.handle.get_by_role("button", name="Compare with footage").click()
     assert page.handle.input_value(".v3-review select") == "cam4"
     page.handle.get_by_label("whole image").check()
@@ -156,7 +156,7 @@ def test_the_wipe_shows_the_footage_of_the_frame_and_moves(page, take):
     assert shown == pytest.approx(middle.mean(0).tolist(), abs=20)
 
 
-def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page, take):
+def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page: Page, take: Take) -> None:
     page.seek_frame(3)
     page.handle.get_by_role("button", name="Mark this frame").click()
     page.handle.get_by_placeholder("Note").fill("The axe <b>blurs</b>")
@@ -173,7 +173,7 @@ def test_a_mark_is_written_to_the_take_and_shown_after_reloading(page, take):
     page.wait("player.state.frame === 3")
 
 
-def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
+def test_a_mark_keeps_its_view_and_leads_back_to_it(page: Page, take: Take) -> None:
     page.seek_frame(2)
     page.call("setView", {"azimuth": 35, "elevation": 12, "distance": 2.5})
     marked = page.state["view"]
@@ -214,7 +214,7 @@ def test_a_mark_keeps_its_view_and_leads_back_to_it(page, take):
     assert page.handle.locator("v3-player .wipe [role=slider]").get_attribute("aria-valuenow") == "100"
 
 
-def test_a_note_that_is_not_saved_is_not_replaced(page, take):
+def test_a_note_that_is_not_saved_is_not_replaced(page: Page, take: Take) -> None:
     page.handle.set_viewport_size({"width": 1200, "height": 900})  # the list of marks stays beside the form
     change_mark(take.marks, 1, Mark(frame=1, note="elbow"), None)
     page.handle.get_by_text("elbow").wait_for()
@@ -231,7 +231,7 @@ def test_a_note_that_is_not_saved_is_not_replaced(page, take):
     assert read_marks(take.marks)[0].note == "the hand is blurred"
 
 
-def test_a_mark_that_somebody_removes_while_it_is_edited(page, take):
+def test_a_mark_that_somebody_removes_while_it_is_edited(page: Page, take: Take) -> None:
     """The only one: an empty list of marks is an answer, too."""
     for number, old in read_marks(take.marks).items():
         change_mark(take.marks, number, None, old)
@@ -248,7 +248,9 @@ def test_a_mark_that_somebody_removes_while_it_is_edited(page, take):
     assert read_marks(take.marks)[1].note == "left knee"
 
 
-def test_the_link_to_watch_shows_no_review_and_cannot_write(page, take, address, open_page):
+def test_the_link_to_watch_shows_no_review_and_cannot_write(
+    page: Page, take: Take, address: str, open_page: OpenPage
+) -> None:
     page.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
     page.click("link")
     button = page.handle.get_by_role("button", name="Share link to watch")

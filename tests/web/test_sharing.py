@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import support
-from driver import Page, psnr
+from driver import Baked, OpenPage, Page, psnr
 
 from v3studio.pipelines.share.page import PageText, first_files
 from v3studio.pipelines.share.serving import serve
@@ -63,7 +63,7 @@ def fetched_once(page: Page, manifest: str, stream: Path) -> None:
     assert any(request.endswith(".mp4") for request in requests[worker:]), requests
 
 
-def test_the_served_page_plays(baked, open_page):
+def test_the_served_page_plays(baked: Baked, open_page: OpenPage) -> None:
     with serve(baked()) as serving:
         page = open_page(address=serving.address, size=SIZE)
         plays_right(page, baked())
@@ -72,7 +72,9 @@ def test_the_served_page_plays(baked, open_page):
         assert page.handle.title() == "Test figure"
 
 
-def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_page, tmp_path):
+def test_of_several_streams_one_is_chosen_and_plays_over_https(
+    baked: Baked, open_page: OpenPage, tmp_path: Path
+) -> None:
     names = ("b plain", "a #1 50% ?&'\"<x>é影")
     for name in names:
         shutil.copytree(baked(), tmp_path / name)
@@ -86,7 +88,9 @@ def test_of_several_streams_one_is_chosen_and_plays_over_https(baked, open_page,
         page.wait("player.state.playing && player.state.frame > 0")
 
 
-def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_page, tmp_path):
+def test_a_shared_folder_plays_from_a_plain_server_below_a_path(
+    baked: Baked, open_page: OpenPage, tmp_path: Path
+) -> None:
     """Nor does it play another stream under its title."""
     place = tmp_path / "some" / "where é"
     share(baked(), place, TEXT)
@@ -106,7 +110,9 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(baked, open_page
         assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in page.requests)
 
 
-def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(baked, open_page, tmp_path):
+def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(
+    baked: Baked, open_page: OpenPage, tmp_path: Path
+) -> None:
     share(baked(), tmp_path / "shared", TEXT)
     page = open_page(address=(tmp_path / "shared" / "index.html").as_uri(), wait=False)
     page.handle.get_by_role("alert").wait_for()
@@ -115,7 +121,7 @@ def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(baked, open_pag
     assert ".html" in text
 
 
-def test_a_single_file_plays_from_the_disk(baked, open_page, tmp_path):
+def test_a_single_file_plays_from_the_disk(baked: Baked, open_page: OpenPage, tmp_path: Path) -> None:
     file = tmp_path / "take é.html"
     share(baked(), file, TEXT)
     page = open_page(address=file.as_uri(), size=SIZE)

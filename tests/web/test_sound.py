@@ -3,8 +3,10 @@
 import base64
 import itertools
 import shutil
+from pathlib import Path
 
 import pytest
+from driver import Baked, OpenPage, Site
 
 from v3studio.studio.stream import StreamReader
 
@@ -57,12 +59,12 @@ LISTEN = """{
 
 
 @pytest.fixture
-def sounding(site, baked):
+def sounding(site: Site, baked: Baked) -> Path:
     """Nine frames with a click in frame 3."""
     return shutil.copytree(baked(ladder=(16,), splats=300, clicks=(CLICK,)), site.stream)
 
 
-def test_loops_have_no_gap(sounding, open_page):
+def test_loops_have_no_gap(sounding: Path, open_page: OpenPage) -> None:
     """Clicks of one loop and the next are exactly a loop apart, and the frames stay with them."""
     page = open_page("?t=0", LISTEN)
     page.wait("player.engine.sound.present")
@@ -74,7 +76,7 @@ def test_loops_have_no_gap(sounding, open_page):
     assert sum(abs(one - 9 / FPS) < 0.001 for one in apart) >= 4, apart
 
 
-def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(sounding, open_page):
+def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(sounding: Path, open_page: OpenPage) -> None:
     page = open_page("?t=0", WITHOUT_WEB_AUDIO)
     page.wait("player.engine.sound.present")
     page.click("play")  # an input: without one, Chromium refuses some sounds, even muted ones
@@ -125,7 +127,7 @@ def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(soundi
     page.wait("(seen.looped ?? []).length && window.starts.at(-1) < 0.08")
 
 
-def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
+def test_a_browser_that_waits_for_the_viewer(sounding: Path, open_page: OpenPage) -> None:
     """Sound is refused before the first input; muted, it plays and leads, however late the browser refuses."""
     refuse = """{
       window.refusals = []; window.silent = 0; window.loud = 0;
@@ -150,7 +152,7 @@ def test_a_browser_that_waits_for_the_viewer(sounding, open_page):
     page.wait("!player.state.muted && window.loud > 0")
 
 
-def test_sound_that_is_damaged_leaves_the_frames(sounding, open_page):
+def test_sound_that_is_damaged_leaves_the_frames(sounding: Path, open_page: OpenPage) -> None:
     file = next((sounding / "files").glob("*.m4a"))
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1

@@ -11,6 +11,9 @@ from tests.support.splats import noise as noise_of
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.splat_video import SplatVideo
 
+MakeVideo = Callable[..., SplatVideo]
+MakeSplats = Callable[..., Gaussians]
+
 
 def body(frame: int, count: int, degree: int, seed: int) -> Gaussians:
     """Splats of a body about 1 unit high that translates and rotates slightly in each frame."""
@@ -28,7 +31,7 @@ def body(frame: int, count: int, degree: int, seed: int) -> Gaussians:
 
 
 @pytest.fixture
-def make_video() -> Callable[..., SplatVideo]:
+def make_video() -> MakeVideo:
     """`make_video(lengths, splats, degree)`: groups of these lengths with different numbers of splats; 20 fps."""
 
     def make(lengths: tuple[int, ...] = (4, 3), splats: int = 150, degree: int = 0) -> SplatVideo:
@@ -47,5 +50,5 @@ def make_video() -> Callable[..., SplatVideo]:
 
 
 @pytest.fixture
-def make_splats() -> Callable[..., Gaussians]:
+def make_splats() -> MakeSplats:
     return cloud

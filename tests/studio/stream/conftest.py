@@ -17,6 +17,8 @@ from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.stream import BakeSettings, Rung, bake_group, bake_sound, write_manifest
 from v3studio.studio.stream.encode import write_manifest as manifest_writer
 
+MakeLadder = Callable[..., Path]
+FindStream = Callable[[str], Path]
 LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 KINDS: dict[str, dict[str, Any]] = {
     "motion": {"lengths": (4, 3), "ladder": (), "quality": 24},
@@ -27,7 +29,7 @@ KINDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(scope="session")
-def intact(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def intact(tmp_path_factory: pytest.TempPathFactory) -> FindStream:
     """`intact(kind)`: one of `KINDS`, not to be changed."""
 
     def find(kind: str) -> Path:
@@ -40,13 +42,13 @@ def intact(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 
 @pytest.fixture
-def copy_of(intact: Callable[[str], Path], tmp_path: Path) -> Callable[[str], Path]:
+def copy_of(intact: FindStream, tmp_path: Path) -> FindStream:
     """`copy_of(kind)`: a copy of one of `KINDS`, to change."""
     return lambda kind: Path(shutil.copytree(intact(kind), tmp_path / kind))
 
 
 @pytest.fixture
-def make_ladder(tmp_path: Path) -> Callable[..., Path]:
+def make_ladder(tmp_path: Path) -> MakeLadder:
     """`make_ladder(lengths, ...)`: a stream in `tmp_path`, as `write_stream` makes."""
 
     def make(lengths: tuple[int, ...] = (4, 3), name: str = "stream", **more: Any) -> Path:
