@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.shared import made_once
-from tests.support.tiny_capture import SETTINGS, Done, environment, write_capture, write_project
+from tests.support.tiny_capture import SETTINGS, Done, Here, environment, write_capture, write_project
 from tests.support.warm_python import WarmProcess, warm_python
 from v3studio.pipelines.takes.take import Take
 
@@ -58,7 +58,7 @@ def start() -> Iterator[Callable[..., WarmProcess]]:
 
 
 @pytest.fixture
-def here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Done]:
+def here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Here:
     """Run the command line in this process; a new process per command would cost seconds of imports."""
     from v3studio.pipelines.cli import execute
 

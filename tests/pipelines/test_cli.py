@@ -2,12 +2,12 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.pipelines.cli import make_parser
 from v3studio.pipelines.events import StageFailed
 from v3studio.pipelines.stages import STAGE_NAMES
@@ -15,14 +15,14 @@ from v3studio.pipelines.takes.files.settings_file import set_settings
 from v3studio.studio.stream import Rendition, StreamReader
 
 
-def test_every_command_explains_itself(here: Callable[..., Done]) -> None:
+def test_every_command_explains_itself(here: Here) -> None:
     text = here("--help").stdout
     for name in make_parser()[1]:
         assert f"\n    {name}" in text
         here(*name.split(), "--help").ok()
 
 
-def test_wrong_usage_is_2_and_a_failure_1(here: Callable[..., Done], tmp_path: Path) -> None:
+def test_wrong_usage_is_2_and_a_failure_1(here: Here, tmp_path: Path) -> None:
     for arguments in (("fly",), ("config", "--bogus"), ("config", "--train.max-splats")):
         here(*arguments).fails(code=2)
     wrong = (("play", "x", "--bogus"), ("bake", "--bake.quality"), ("export", "x"), ("train", "a.yaml", "b.yaml"))
@@ -61,13 +61,7 @@ def test_wrong_usage_is_2_and_a_failure_1(here: Callable[..., Done], tmp_path: P
     ],
 )
 def test_mistakes_get_a_sentence_and_change_nothing(
-    here: Callable[..., Done],
-    finished: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: str,
-    code: int,
-    sentence: str,
+    here: Here, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, code: int, sentence: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("take", "capture", "ball.yaml"):
@@ -94,7 +88,7 @@ FOLDERS = {
 @pytest.mark.parametrize("folder", ["/proc/self/x", "x" * 300])
 @pytest.mark.parametrize("command", FOLDERS)
 def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(
-    here: Callable[..., Done], finished: Path, monkeypatch: pytest.MonkeyPatch, command: str, folder: str
+    here: Here, finished: Path, monkeypatch: pytest.MonkeyPatch, command: str, folder: str
 ) -> None:
     monkeypatch.chdir(finished)
     done = here(*FOLDERS[command], folder)
@@ -103,7 +97,7 @@ def test_a_folder_that_cannot_be_made_or_read_is_one_sentence(
     assert done.stderr.count("\n") == 1
 
 
-def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here: Callable[..., Done], project: Path) -> None:
+def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here: Here, project: Path) -> None:
     (project / "capture" / "images" / "cam3" / "002.png").unlink()
     said = here("run", project / "ball.yaml", "--take", project / "take").fails("cam3").stderr
     assert (said[:7], said.count("\n")) == ("error: ", 1)
@@ -114,7 +108,7 @@ def test_a_mistake_in_the_footage_is_one_sentence_and_one_event(here: Callable[.
     assert all("Traceback" not in event.traceback for event in events if isinstance(event, StageFailed))
 
 
-def test_verbose_says_on_standard_error_what_is_waited_for(here: Callable[..., Done], project: Path) -> None:
+def test_verbose_says_on_standard_error_what_is_waited_for(here: Here, project: Path) -> None:
     options = ("run", project / "ball.yaml", "--take", project / "take", "--until", "initialize")
     loud = here(*options, "--verbose", "--json").ok()
     assert [event.kind for event in loud.events][-1] == "finished"
@@ -126,7 +120,7 @@ def test_verbose_says_on_standard_error_what_is_waited_for(here: Callable[..., D
     assert here("initialize", project / "take", "--force").ok().stderr == ""
 
 
-def test_status_of_a_new_and_of_a_finished_take(here: Callable[..., Done], project: Path, finished: Path) -> None:
+def test_status_of_a_new_and_of_a_finished_take(here: Here, project: Path, finished: Path) -> None:
     here("calibrate", project / "ball.yaml", "--take", project / "take").ok()
     states = here("status", project / "take", "--json").result["stages"]
     assert [state["state"] for state in states.values()] == ["done"] + ["missing"] * (len(STAGE_NAMES) - 1)
@@ -146,7 +140,7 @@ def test_status_answers_without_torch(finished: Path) -> None:
     assert done.stdout.endswith("False\n"), done.stderr
 
 
-def test_bake_to_a_target(here: Callable[..., Done], copied: Path) -> None:
+def test_bake_to_a_target(here: Here, copied: Path) -> None:
     """Levels are kept and listed; files are never above the requested kilobytes; a new target replaces the one stored
     in the take."""
     take = copied / "take"
@@ -177,7 +171,7 @@ def test_bake_to_a_target(here: Callable[..., Done], copied: Path) -> None:
     assert list(stages) == list(STAGE_NAMES[:-1]), "nothing measured this bake yet"
 
 
-def test_typos_are_answered_with_what_is_similar(here: Callable[..., Done]) -> None:
+def test_typos_are_answered_with_what_is_similar(here: Here) -> None:
     for words, meant in (
         (("statsu", "x"), "status"),
         (("edit", "trimm", "x", "0:3"), "trim"),
@@ -193,7 +187,7 @@ def test_typos_are_answered_with_what_is_similar(here: Callable[..., Done]) -> N
     here("models").fails("models list and models get", code=2)
 
 
-def test_bash_completes_commands_options_and_choices(here: Callable[..., Done], tmp_path: Path) -> None:
+def test_bash_completes_commands_options_and_choices(here: Here, tmp_path: Path) -> None:
     script = tmp_path / "v3studio.bash"
     script.write_text(here("completion", "bash").stdout)
     code = (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.tiny_capture import ROOT
+from tests.support.tiny_capture import ROOT, Here
 from tests.support.warm_python import warm_python
 from v3studio.pipelines.cli import make_parser
 from v3studio.pipelines.events import Log, Progress, StageFinished, read_line
@@ -188,7 +188,9 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("name", FAILURES)
-def test_a_command_that_fails_ends_with_its_result(name, here, tmp_path, monkeypatch) -> None:
+def test_a_command_that_fails_ends_with_its_result(
+    name: str, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)  # where a lock of the queue is left
     words, code, error = FAILURES[name]
     (line,) = here(*words).fails(code=code).stdout.splitlines()

@@ -1,14 +1,13 @@
 import filecmp
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import pytest
 
 from tests.support.errors import refuses
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.pipelines.ablation.study import RatePoint, VariantResult, compare
 from v3studio.pipelines.ablation.variants import chosen
 from v3studio.pipelines.takes.frames.frame_files import read_about
@@ -45,7 +44,7 @@ def test_the_full_method_is_always_first_and_names_are_checked() -> None:
     assert caught.value.fields["expected"][:2] == ["full", "no-entropy"]
 
 
-def test_command_shares_keyframes_measures_and_goes_on(project: Path, here: Callable[..., Done]) -> None:
+def test_command_shares_keyframes_measures_and_goes_on(project: Path, here: Here) -> None:
     out = project / "ablation"
     arguments = ("ablate", project / "ball.yaml", "--out", out, "--variants", "no-finetune", "--qps", "10,24,34,42")
     shown = here(*arguments, "--set", "capture.frames=:2").ok().stdout

@@ -1,12 +1,11 @@
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.support.streams import contents
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.pipelines.review.take_review import TakeReview
 from v3studio.pipelines.takes.authored.edits import change_edits, read_edits
 from v3studio.pipelines.takes.frames.frame_files import read_frame
@@ -25,11 +24,11 @@ def take(copied: Path) -> Path:
     return copied / "take"
 
 
-def states(here: Callable[..., Done], take: Path) -> dict[str, dict[str, str]]:
+def states(here: Here, take: Path) -> dict[str, dict[str, str]]:
     return here("status", take, "--json").ok().result["stages"]
 
 
-def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here, take) -> None:
+def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(here: Here, take: Path) -> None:
     before = contents(take / "stream")
     measured = json.loads((take / "evaluation.json").read_text())
     rows = {row["index"]: row for row in measured["frames"]}
@@ -87,7 +86,7 @@ def test_a_take_is_trimmed_cropped_and_placed_and_as_before_when_that_is_undone(
     assert "frames 1 to 3" in here("edit", "list", take).ok().stdout
 
 
-def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here, take) -> None:
+def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here: Here, take: Path) -> None:
     here("edit", "crop", take, "--min", "-1", "-1", 0, "--max", 1, 1, 1, "--training").ok()
     stages = states(here, take)
     assert stages["calibrate"]["state"] == "done"
@@ -102,7 +101,7 @@ def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here, ta
     assert np.array_equal(read_points_of(take), whole)
 
 
-def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(here, take) -> None:
+def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(here: Here, take: Path) -> None:
     opened = Take.open(take)
     files = [opened.trained_frame(*place) for place in ((0, 0), (0, 1), (1, 3))]
     before, initialized = [path.read_bytes() for path in files], states(here, take)["initialize"]
@@ -156,14 +155,16 @@ def read_points_of(take: Path) -> np.ndarray:
         (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
     ],
 )
-def test_bad_input_gets_a_sentence_and_changes_nothing(here, finished, words, sentence) -> None:
+def test_bad_input_gets_a_sentence_and_changes_nothing(
+    here: Here, finished: Path, words: tuple[str | int, ...], sentence: str
+) -> None:
     unknown = words[0] == "undo" or words[-1] == 5 or 9 in words  # not in this take
     result = here("edit", words[0], finished / "take", *words[1:]).fails(sentence, code=1 if unknown else 2)
     assert result.stderr.startswith("error: ")
     assert not (finished / "take" / "edits.json").exists()
 
 
-def test_floaters_ground_and_regions(here, take) -> None:
+def test_floaters_ground_and_regions(here: Here, take: Path) -> None:
     here("edit", "floaters", take, "--opacity", "0.05", "--share", "0.02").ok()
     here("edit", "ground", take, "-0.2").ok()
     edits = read_edits(take / "edits.json")

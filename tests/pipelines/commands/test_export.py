@@ -13,7 +13,7 @@ import torch
 
 from tests.support.rigs import camera_at
 from tests.support.splats import write_group
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from tests.support.warm_python import WarmProcess
 from v3studio.pipelines.events import Log
 from v3studio.pipelines.takes.authored.edits import change_edits
@@ -62,7 +62,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return take.root
 
 
-def test_ply_of_the_trained_or_the_decoded_splats(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
+def test_ply_of_the_trained_or_the_decoded_splats(here: Here, take: Path, tmp_path: Path) -> None:
     options = ("--of", "trained", "--format", "ply", "--frames", "1:5:2")
     done = here("export", take, *options, "--out", tmp_path / "trained").ok()
     assert done.stdout.endswith("trained: 2 frames\n")
@@ -78,7 +78,7 @@ def test_ply_of_the_trained_or_the_decoded_splats(here: Callable[..., Done], tak
     [((0.1, 0.1), "with 0.1 and look bolder"), ((0.3, 0.6), "with 0.6 and look thinner"), ((0.3, 0.3), "")],
 )
 def test_another_dilation_is_told_since_files_cannot_say_it(
-    here: Callable[..., Done], tmp_path: Path, dilations: tuple[float, float], words: str
+    here: Here, tmp_path: Path, dilations: tuple[float, float], words: str
 ) -> None:
     settings = BakeSettings(quality=0)
     groups = [
@@ -97,7 +97,7 @@ def test_another_dilation_is_told_since_files_cannot_say_it(
     assert [words in note for note in notes] == ([True] if words else [])
 
 
-def test_harmonics_can_be_cut(here: Callable[..., Done], tmp_path: Path) -> None:
+def test_harmonics_can_be_cut(here: Here, tmp_path: Path) -> None:
     settings = BakeSettings(quality=0)
     colored = body(0, 60).with_sh_degree(2)
     write_manifest(tmp_path / "s", [bake_group([colored], tmp_path / "s", 0, 0, settings)], 10.0, settings)
@@ -107,7 +107,7 @@ def test_harmonics_can_be_cut(here: Callable[..., Done], tmp_path: Path) -> None
         assert read_splats(out).sh_degree == degree
 
 
-def test_viewer_axes(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
+def test_viewer_axes(here: Here, take: Path, tmp_path: Path) -> None:
     here("export", take / "stream", "--format", "ply", "--axes", "viewer", "--out", tmp_path / "out").ok()
     with StreamReader.open(take / "stream") as reader:
         world = reader.gaussians(0).means
@@ -122,7 +122,7 @@ def test_viewer_axes(here: Callable[..., Done], take: Path, tmp_path: Path) -> N
     assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
 
 
-def test_videogs_there_and_back(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
+def test_videogs_there_and_back(here: Here, take: Path, tmp_path: Path) -> None:
     here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs").ok()
     options = ("--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2")
     done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options, "--bake.first_group_size", "2").ok()
@@ -139,7 +139,7 @@ def test_videogs_there_and_back(here: Callable[..., Done], take: Path, tmp_path:
             assert torch.cdist(meant.double(), means.double()).min(dim=1).values.max() < 5e-3
 
 
-def test_movies(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
+def test_movies(here: Here, take: Path, tmp_path: Path) -> None:
     turn = tmp_path / "turn.mp4"
     options = ("--of", "trained", "--format", "turntable", "--size", "96x64", "--seconds", "0.4", "--json")
     *_, last, end = here("export", take, *options, "--out", turn).ok().events
@@ -161,7 +161,7 @@ def test_movies(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
 
 
 def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(
-    here: Callable[..., Done], take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    here: Here, take: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     options = ("--format", "exr", "--shutter", "180", "--shutter-samples", "2", "--json")
@@ -188,7 +188,7 @@ def test_plates_have_the_numbers_of_the_footage_and_the_world_of_the_usd_file(
     assert done.stdout.endswith("a.mp4: 5 frames of 96x64\n")
 
 
-def test_mistakes_are_one_sentence(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
+def test_mistakes_are_one_sentence(here: Here, take: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     (tmp_path / "notes.txt").write_text("not an export", encoding="utf-8")
     cases = [
@@ -217,7 +217,7 @@ def test_mistakes_are_one_sentence(here: Callable[..., Done], take: Path, tmp_pa
     here("import", take, "--out", out).fails("no .ply, .spz, .sog, .splat, .ksplat files")
 
 
-def test_frames_have_their_numbers_in_the_footage(here: Callable[..., Done], take: Path, tmp_path: Path) -> None:
+def test_frames_have_their_numbers_in_the_footage(here: Here, take: Path, tmp_path: Path) -> None:
     whole = Path(shutil.copytree(take, tmp_path / "take"))
     for path in sorted((whole / "train").glob("group_*/group.json")):
         group = json.loads(path.read_text())

@@ -1,12 +1,11 @@
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, contents
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.studio.formats.sequence import open_import
 from v3studio.studio.stream import BakeSettings, Rung, StreamReader, check_stream
 
@@ -18,7 +17,7 @@ def stream(tmp_path: Path) -> Path:
     return bake_numbered(tmp_path / "stream", (2, 2), 25, 60, settings)
 
 
-def test_publish_copies_what_is_missing(here: Callable[..., Done], stream: Path, tmp_path: Path) -> None:
+def test_publish_copies_what_is_missing(here: Here, stream: Path, tmp_path: Path) -> None:
     done = here("publish", stream, tmp_path / "web").ok()
     assert f"{len(contents(stream)) - 1} files copied" in done.stdout  # and the manifest
     again = here("publish", stream, tmp_path / "web", "--page", "--title", "A <walk>")
@@ -32,7 +31,7 @@ def test_publish_copies_what_is_missing(here: Callable[..., Done], stream: Path,
         assert not check_stream(reader).damage
 
 
-def test_a_stream_in_one_file_plays(here: Callable[..., Done], stream: Path, tmp_path: Path) -> None:
+def test_a_stream_in_one_file_plays(here: Here, stream: Path, tmp_path: Path) -> None:
     out = tmp_path / "one.v3s"
     done = here("export", stream, "--format", "v3", "--out", out).ok()
     assert "4 frames" in done.stdout
@@ -44,7 +43,7 @@ def test_a_stream_in_one_file_plays(here: Callable[..., Done], stream: Path, tmp
         open_import(out)
 
 
-def test_options_that_do_not_fit(here: Callable[..., Done], stream: Path) -> None:
+def test_options_that_do_not_fit(here: Here, stream: Path) -> None:
     export = ("export", stream, "--format", "v3", "--out")
     here(*export, "x.zip").fails("writes a .v3s file", code=2)
     here(*export, "x.v3s", "--frames", "0:2").fails("does not take --frames", code=2)

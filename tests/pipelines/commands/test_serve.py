@@ -15,7 +15,7 @@ import pytest
 
 from tests.support.errors import refuses
 from tests.support.streams import bake_numbered, best_of, edit_manifest, group_files
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from tests.support.warm_python import WarmProcess
 from tests.support.web_servers import PLAYER, ask, running
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
@@ -65,7 +65,7 @@ def test_files_with_their_types_and_lengths(port: int, stream: Path) -> None:
 
 
 def test_addresses_of_folders_with_any_letters_are_quoted_and_work(
-    stream: Path, tmp_path: Path, here: Callable[..., Done], start: Callable[..., WarmProcess]
+    stream: Path, tmp_path: Path, here: Here, start: Callable[..., WarmProcess]
 ) -> None:
     names = ["prise é 影 1", "a #1 50% ?&'x", "plain"]
     for name in names:
@@ -217,7 +217,7 @@ def test_names_are_taken_as_they_are_or_skipped(tmp_path: Path, capsys: pytest.C
     assert "not UTF-8" in capsys.readouterr().err
 
 
-def test_a_title_for_one_stream(stream: Path, tmp_path: Path, here: Callable[..., Done]) -> None:
+def test_a_title_for_one_stream(stream: Path, tmp_path: Path, here: Here) -> None:
     with running(build_app(find_streams(str(stream)), PLAYER, text=PageText(title="Walk <1>"))) as port:
         page = ask(port, "/", Accept=BROWSER)[2].decode()
         assert "<title>Walk &lt;1&gt;</title>" in page
@@ -267,7 +267,7 @@ def test_names_in_the_list_of_streams_look_like_themselves(tmp_path: Path) -> No
         assert "\u202e" not in listed + page
 
 
-def test_a_port_that_is_taken(here: Callable[..., Done], stream: Path) -> None:
+def test_a_port_that_is_taken(here: Here, stream: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         here("serve", stream, "--port", taken.getsockname()[1]).fails("is in use. Specify another one with --port.")
     here("serve", stream, "--port", "70000").fails(code=2)
@@ -329,9 +329,7 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(
     assert report.seconds > 40 / 20
 
 
-def test_the_command_line_plays_an_address(
-    here: Callable[..., Done], start: Callable[..., WarmProcess], tmp_path: Path
-) -> None:
+def test_the_command_line_plays_an_address(here: Here, start: Callable[..., WarmProcess], tmp_path: Path) -> None:
     folder = bake(tmp_path / "stream")
     missing = {"path": f"files/{'1' * 32}.mp4", "sha256": "1" * 64}  # these groups share their files
     edit_manifest(folder, lambda manifest: best_of(manifest["groups"][0])["components"][0]["planes"][0].update(missing))
@@ -359,7 +357,7 @@ def test_json_is_compressed_for_clients_that_take_it(port: int, stream: Path) ->
     assert "content-encoding" not in ask(port, f"/files/{group_files(stream, 3)[0].name}", Accept_Encoding="gzip")[1]
 
 
-def test_a_live_take_is_waited_for_only_while_it_is_made(here: Callable[..., Done], tmp_path: Path) -> None:
+def test_a_live_take_is_waited_for_only_while_it_is_made(here: Here, tmp_path: Path) -> None:
     take = Take.create(tmp_path / "take")
     take.config.write_text("run: {live: true}\n")
     with refuses("serve.no_run", file=str(take.root)):

@@ -2,7 +2,6 @@ import errno
 import json
 import shutil
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -12,16 +11,18 @@ import pytest
 
 from tests.support.errors import refuses
 from tests.support.streams import contents
-from tests.support.tiny_capture import Done, environment, run_take
+from tests.support.tiny_capture import Here, environment, run_take
 from tests.support.warm_python import warm_python
 from v3studio.pipelines.comparison.compare import compare
 from v3studio.pipelines.takes.results.evaluation import read_evaluation
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.comparison import PROTOCOLS, measure
 
+Takes = tuple[Path, Path]
+
 
 @pytest.fixture(scope="module")
-def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Takes:
     """A take, and the same one baked much more coarsely."""
     folder = tmp_path_factory.mktemp("two")
     shutil.copytree(finished / "take", folder / "fine")
@@ -30,9 +31,7 @@ def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     return folder / "fine", folder / "coarse" / "take"
 
 
-def test_it_measures_what_the_evaluation_measures(
-    two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path
-) -> None:
+def test_it_measures_what_the_evaluation_measures(two: Takes, here: Here, tmp_path: Path) -> None:
     done = here("compare", *two, "--out", tmp_path / "out").ok()
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     fine, coarse = found["takes"]
@@ -61,7 +60,7 @@ def test_it_measures_what_the_evaluation_measures(
 
 
 def test_an_earlier_comparison_stays_until_the_next_is_written(
-    two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    two: Takes, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(path, value):
         raise OSError(errno.ENOSPC, "no space")
@@ -74,9 +73,7 @@ def test_an_earlier_comparison_stays_until_the_next_is_written(
     assert {name: data for name, data in contents(tmp_path).items() if ".comparing" not in str(name)} == before
 
 
-def test_an_earlier_comparison_is_replaced_and_other_images_stay(
-    two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path
-) -> None:
+def test_an_earlier_comparison_is_replaced_and_other_images_stay(two: Takes, here: Here, tmp_path: Path) -> None:
     earlier = {"protocol": {"cameras": ["cam2", "left/cam4"], "frames": [1]}}
     again = ("compare", two[0], "--frames", "::4", "--images", "1", "--out", tmp_path)
     values = here(*again, "--json").result
@@ -91,7 +88,7 @@ def test_an_earlier_comparison_is_replaced_and_other_images_stay(
     assert names == ["cam4_000000.png", "cam9_000001.png", "comparison.json", "poster.png"]
 
 
-def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_refused_before_measuring(two: Takes, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
 
     def progress(done: int, total: int) -> None:
@@ -130,7 +127,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Mock:
 
 
 def test_a_comparison_that_was_killed_goes_on_where_it_was(
-    two: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    two: Takes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compare(two, tmp_path / "whole", PROTOCOLS["box"])
     killed(*two, tmp_path / "out")
@@ -147,7 +144,7 @@ def test_a_comparison_that_was_killed_goes_on_where_it_was(
 
 
 def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(
-    two: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    two: Takes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compare(two, tmp_path / "whole", PROTOCOLS["box"], images=0)
     measured = counted(monkeypatch)
@@ -167,7 +164,7 @@ def test_frames_of_another_comparison_or_damaged_ones_are_measured_again(
         assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
-def test_mistakes_are_one_sentence(two: tuple[Path, Path], here: Callable[..., Done], tmp_path: Path) -> None:
+def test_mistakes_are_one_sentence(two: Takes, here: Here, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "out")
     here("compare", two[0], "--protocol", "hifi4g", *out).fails("no camera '48'", "--cameras")
     here("compare", two[0], two[0], *out).fails("the same take is named twice")

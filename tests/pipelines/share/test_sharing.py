@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.splats import noise, round_splats
 from tests.support.streams import bake_numbered, contents
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.pipelines.events import Progress
 from v3studio.pipelines.share import sharing
 from v3studio.pipelines.share.page import PageText, first_files, read_intro, read_view
@@ -265,7 +264,7 @@ def test_without_the_player_or_a_stream(stream: Path, tmp_path: Path, monkeypatc
     assert not (tmp_path / "site").exists()
 
 
-def test_the_command_says_what_it_wrote(here: Callable[..., Done], stream: Path, tmp_path: Path) -> None:
+def test_the_command_says_what_it_wrote(here: Here, stream: Path, tmp_path: Path) -> None:
     write_path_keys([Key(3.0, CAMERA, 5.0), Key(4.5, CAMERA, 0.0)], tmp_path / "path.json")
     words = ("--title", "One", "--credits", "Two", "--license", "Three", "--description", "Four <walks>")
     options = (*words, "--intro", tmp_path / "path.json", "--view=-30,10")

@@ -1,12 +1,11 @@
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.support.sounds import click_times, clicks, write_wav
 from tests.support.streams import contents
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.studio.stream import StreamReader, check_stream
 
 
@@ -14,7 +13,7 @@ def manifest_of(take):
     return json.loads((take / "stream" / "manifest.json").read_bytes())
 
 
-def test_a_take_is_baked_as_a_ladder(here: Callable[..., Done], copied: Path) -> None:
+def test_a_take_is_baked_as_a_ladder(here: Here, copied: Path) -> None:
     take = copied / "take"
     rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0, finetune_iterations: 10}]"
     here("bake", take, "--bake.ladder", rungs).ok()
@@ -62,7 +61,7 @@ def inodes(take):
     return {name: inode for name, inode in names.items() if not name.endswith(".m4a")}
 
 
-def test_only_the_sound_is_baked_again(here: Callable[..., Done], copied: Path) -> None:
+def test_only_the_sound_is_baked_again(here: Here, copied: Path) -> None:
     take, wav = copied / "take", copied / "take.wav"
     write_wav(wav, clicks(0.3, [0.08]))
     here("bake", take, "--capture.audio", wav).ok()

@@ -2,14 +2,17 @@ import json
 import shutil
 import sys
 import types
+from collections.abc import Callable
 
 import pytest
 
 from tests.support.events import warnings_in
 from tests.support.streams import contents
+from tests.support.tiny_capture import Here
 from tests.support.waiting import wait_until
 from v3studio.pipelines import stages
 from v3studio.pipelines.config import load_config
+from v3studio.pipelines.events import Event
 from v3studio.pipelines.stages.baking import live as live_bake
 from v3studio.pipelines.stages.baking.live import LiveBake
 from v3studio.pipelines.stages.inputs import Inputs
@@ -19,17 +22,18 @@ from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled, StudioError
 from v3studio.studio.stream import StreamReader, check_stream
 
+Groups = tuple[list[int], bool] | None
 FAST = [("run.live", True), ("bake.preset", "ultrafast")]
 
 
 @pytest.fixture
-def take(take):
+def take(take: Take) -> Take:
     """A trained take with groups of 3 and 2 frames, without a stream."""
     shutil.rmtree(take.stream)
     return take
 
 
-def groups_of(take):
+def groups_of(take: Take) -> Groups:
     """Frames of each published group, and whether others follow; None before the first."""
     try:
         manifest = json.loads((take.stream / "manifest.json").read_bytes())
@@ -39,12 +43,12 @@ def groups_of(take):
 
 
 @pytest.fixture
-def published(monkeypatch, take):
+def published(monkeypatch: pytest.MonkeyPatch, take: Take) -> list[Groups]:
     """What has been published so far, as `groups_of` tells it."""
     found = []
     publish = live_bake.publish
 
-    def watched(*arguments):
+    def watched(*arguments: object) -> None:
         publish(*arguments)
         found.append(groups_of(take))
 
@@ -52,20 +56,20 @@ def published(monkeypatch, take):
     return found
 
 
-def live(take, finished, events=None, **settings):
+def live(take: Take, finished: set[int], events: list[Event] | None = None, **settings: object) -> LiveBake:
     config = load_config(take.config, [*FAST, *((f"bake.{name}", value) for name, value in settings.items())])
     reporter = StageReporter("train", ([] if events is None else events).append)
     return LiveBake(Inputs(take, config), reporter, finished)
 
 
-def interrupted(baking, when):
+def interrupted(baking: LiveBake, when: Callable[[], bool]) -> None:
     """Cancel training in this state."""
     baking.__enter__()
     wait_until("baked", when)
     baking.__exit__(Cancelled, Cancelled(), None)
 
 
-def test_groups_are_published_as_they_are_finished(take, published):
+def test_groups_are_published_as_they_are_finished(take: Take, published: list[Groups]) -> None:
     with live(take, {0}, first_group_size=1) as baking:
         wait_until("published", lambda: groups_of(take) == ([1, 2], True))
         with StreamReader.open(take.stream) as reader:
@@ -80,7 +84,7 @@ def test_groups_are_published_as_they_are_finished(take, published):
         assert not check_stream(reader).damage
 
 
-def test_after_an_interruption_it_does_not_shrink(take, published):
+def test_after_an_interruption_it_does_not_shrink(take: Take, published: list[Groups]) -> None:
     interrupted(live(take, {0}), lambda: groups_of(take) == ([3], True))
     work = take.work("bake")
     (work / "group_000.json").unlink()  # as if killed: it is baked again
@@ -93,7 +97,7 @@ def test_after_an_interruption_it_does_not_shrink(take, published):
     assert published == [([3], True), ([3, 2], False), ([3, 2], False)]
 
 
-def test_training_outlives_a_failure(take, published, monkeypatch):
+def test_training_outlives_a_failure(take: Take, published: list[Groups], monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*arguments):
         raise StudioError("bake.write_failed", "the disk is full")
 
@@ -104,7 +108,9 @@ def test_training_outlives_a_failure(take, published, monkeypatch):
     assert len(warnings_in(events, "bake.live_failed")) == 1
 
 
-def test_stages_between_training_and_baking_run_first(take, published, monkeypatch):
+def test_stages_between_training_and_baking_run_first(
+    take: Take, published: list[Groups], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def run_group(inputs, group, reporter):
         for index in group.indices:
             few = read_frame(take.trained_frame(group.index, index))[:50]
@@ -123,7 +129,9 @@ def test_stages_between_training_and_baking_run_first(take, published, monkeypat
 
 
 @pytest.mark.parametrize("joint", [0, 2])
-def test_training_with_live_gives_the_stream_of_a_bake(here, take, published, joint):
+def test_training_with_live_gives_the_stream_of_a_bake(
+    here: Here, take: Take, published: list[Groups], joint: int
+) -> None:
     shutil.rmtree(take.root / "train" / "group_001")
     here("train", take.root, "--live", "--bake.preset", "ultrafast", "--train.joint_iterations", joint).ok()
     assert published == [([3], True), ([3, 2], False)]

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -6,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.studio.capture.test_timecode import film
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 
 
 @pytest.mark.parametrize(
@@ -19,12 +18,14 @@ from tests.support.tiny_capture import Done
         (("--square", "0", "--kind", "chessboard"), "--square 0 is not between 0 and 10000 mm"),
     ],
 )
-def test_a_boards_sizes_are_numbers_in_millimeters(here, tmp_path, options, said):
+def test_a_boards_sizes_are_numbers_in_millimeters(
+    here: Here, tmp_path: Path, options: tuple[str, ...], said: str
+) -> None:
     here("board", tmp_path / "b.pdf", *options).fails(said, code=2)
     assert not (tmp_path / "b.pdf").exists()
 
 
-def test_sync_refuses_offsets_of_cameras_that_are_not_there(here: Callable[..., Done], tmp_path: Path) -> None:
+def test_sync_refuses_offsets_of_cameras_that_are_not_there(here: Here, tmp_path: Path) -> None:
     """In 14 frames a square moves."""
     for name in ("left", "right"):
         folder = tmp_path / "capture" / "images" / name
@@ -41,7 +42,7 @@ def test_sync_refuses_offsets_of_cameras_that_are_not_there(here: Callable[..., 
     here("sync", moving, "--capture.offsets", "{left: 2}").ok()  # looked for again, not applied
 
 
-def test_sync_by_timecode_prints_the_offsets_to_set(here: Callable[..., Done], tmp_path: Path) -> None:
+def test_sync_by_timecode_prints_the_offsets_to_set(here: Here, tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     for name, label in (("left", "23:59:59:24"), ("right", "00:00:00:02")):
         film(tmp_path / "videos" / f"{name}.mp4", label)

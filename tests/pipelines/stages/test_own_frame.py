@@ -2,14 +2,13 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import av
 import numpy as np
 from plyfile import PlyData
 
-from tests.support.tiny_capture import Done
+from tests.support.tiny_capture import Here
 from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.studio.camera_files import read_rig, write_rig
 from v3studio.studio.cameras import Rig
@@ -25,7 +24,7 @@ def exported(here, take: Path, out: Path, *options: str) -> np.ndarray:
     return np.stack([np.asarray(rows[name], np.float64) for name in "xyz"], axis=1)
 
 
-def test_a_take_far_away_in_other_units(here: Callable[..., Done], finished: Path, tmp_path: Path) -> None:
+def test_a_take_far_away_in_other_units(here: Here, finished: Path, tmp_path: Path) -> None:
     project = tmp_path / "project"
     shutil.copytree(finished, project, ignore=shutil.ignore_patterns("take"))
     near, take = finished / "take", project / "take"
