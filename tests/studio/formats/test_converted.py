@@ -24,7 +24,7 @@ def matched(splats: Gaussians, meant: Gaussians) -> Gaussians:
     return meant[nearest]
 
 
-def test_every_format_and_degree_is_covered():
+def test_every_format_and_degree_is_covered() -> None:
     covered = {("".join(path.suffixes[-2:]).replace(".json", "sog"), degree_of(path)) for path in CONVERTED}
     assert {degree for _, degree in covered} == {0, 1, 2, 3}
     assert {ending for ending, _ in covered} == {".spz", ".compressed.ply", ".sog", "sog", ".splat", ".ksplat"}
@@ -42,7 +42,7 @@ def test_every_format_and_degree_is_covered():
         (".ksplat", (8e-5, 1e-5, 1e-3, 1 / 255, 1 / 255 / 0.28, 0.005)),
     ],
 )
-def test_each_splat_is_within_the_steps_of_the_format(ending, steps):
+def test_each_splat_is_within_the_steps_of_the_format(ending: str, steps: tuple[float, ...]) -> None:
     for path in CONVERTED:
         if path.suffix != ending and not path.name.endswith(ending):
             continue
@@ -63,7 +63,7 @@ def test_each_splat_is_within_the_steps_of_the_format(ending, steps):
 
 
 @pytest.mark.parametrize(("degree", "version"), [(0, 4), (1, 4), (2, 4), (3, 4), (1, 3)])
-def test_our_spz_has_the_values_of_the_reference_implementation(tmp_path, degree, version):
+def test_our_spz_has_the_values_of_the_reference_implementation(tmp_path: Path, degree: int, version: int) -> None:
     """splat-transform writes through the WebAssembly build of Niantic's own code."""
     theirs = DATA / (f"degree{degree}-v3.spz" if version == 3 else f"degree{degree}.spz")
     write_splats(converted_splats(degree), tmp_path / "a.spz", version=version)

@@ -74,7 +74,7 @@ def with_record(data: bytes, kind: int, body: bytes, flags: int = 2) -> bytes:
 @pytest.mark.parametrize("name", FILES)
 @REPEATED
 @given(data=st.data())
-def test_changed_bytes(tmp_path, name, data):
+def test_changed_bytes(tmp_path: Path, name: str, data: st.DataObject) -> None:
     content = bytearray((DATA / name).read_bytes())
     for _ in range(data.draw(st.integers(1, 4))):
         start = data.draw(st.one_of(st.integers(0, 64), st.integers(0, len(content) - 1)))
@@ -88,7 +88,7 @@ def test_changed_bytes(tmp_path, name, data):
 
 @REPEATED
 @given(data=st.data())
-def test_changed_values_inside_spz_4(tmp_path, data):
+def test_changed_values_inside_spz_4(tmp_path: Path, data: st.DataObject) -> None:
     """Below the compression, so that the values are reached."""
     good = (DATA / "degree1.spz").read_bytes()
     streams, table = good[15], struct.unpack_from("<I", good, 16)[0]
@@ -130,7 +130,7 @@ ODD = st.one_of(
 
 @REPEATED
 @given(data=st.data())
-def test_changed_values_inside_sog(tmp_path, data):
+def test_changed_values_inside_sog(tmp_path: Path, data: st.DataObject) -> None:
     parts = sog_parts()
     meta = json.loads(parts["meta.json"])
     place = meta
@@ -149,7 +149,7 @@ def image(width: int, height: int, mode: str = "RGBA", value: int = 255, **optio
     return out.getvalue()
 
 
-def test_sog_parts_that_disagree(tmp_path):
+def test_sog_parts_that_disagree(tmp_path: Path) -> None:
     good = sog_parts()
     meta = json.loads(good["meta.json"])
     path = tmp_path / "a.sog"
@@ -188,7 +188,7 @@ def test_sog_parts_that_disagree(tmp_path):
     each_is_refused(path, [(b"PK\3\4" + bytes(100), "unreadable"), (b"hello" * 100, "unreadable")])
 
 
-def test_an_open_sog_with_a_part_missing(tmp_path):
+def test_an_open_sog_with_a_part_missing(tmp_path: Path) -> None:
     for part in (DATA / "sog" / "degree1").iterdir():
         if part.name != "quats.webp":
             (tmp_path / part.name).write_bytes(part.read_bytes())
@@ -198,7 +198,7 @@ def test_an_open_sog_with_a_part_missing(tmp_path):
         splats_size(tmp_path / "none" / "meta.json")
 
 
-def test_small_files_that_claim_much(tmp_path):
+def test_small_files_that_claim_much(tmp_path: Path) -> None:
     """Bombs: refused before they are unpacked."""
     huge = (1 << 26) - 1
     zeros = zstandard.compress(bytes(9 * 10_000_000))
@@ -213,7 +213,7 @@ def test_small_files_that_claim_much(tmp_path):
             read_splats(path)
 
 
-def test_zstandard_frames_that_give_more_than_listed(tmp_path):
+def test_zstandard_frames_that_give_more_than_listed(tmp_path: Path) -> None:
     good = (DATA / "degree0.spz").read_bytes()
     first, listed = struct.unpack_from("<QQ", good, 32)
     frame = zstandard.compress(bytes(100_000_000))
@@ -223,7 +223,7 @@ def test_zstandard_frames_that_give_more_than_listed(tmp_path):
         each_is_refused(path, [(content, "unreadable")])
 
 
-def test_spz_4_containers(tmp_path):
+def test_spz_4_containers(tmp_path: Path) -> None:
     good = (DATA / "degree0.spz").read_bytes()
     path = tmp_path / "a.spz"
     cases = [
@@ -246,7 +246,7 @@ def test_spz_4_containers(tmp_path):
         assert len(notes) == skipped
 
 
-def test_splat_files_of_odd_sizes_and_values(tmp_path):
+def test_splat_files_of_odd_sizes_and_values(tmp_path: Path) -> None:
     path = tmp_path / "a.splat"
     good = np.frombuffer((DATA / "degree0.splat").read_bytes(), np.uint8).copy()
     for size, code in ((0, "splat_file.splat_count"), (31, "splat_file.unreadable"), (33, "splat_file.unreadable")):
@@ -268,7 +268,7 @@ def test_splat_files_of_odd_sizes_and_values(tmp_path):
     assert read_splats(path).scales[0, 0] < 1e-11
 
 
-def test_ksplat_headers(tmp_path):
+def test_ksplat_headers(tmp_path: Path) -> None:
     good = (DATA / "degree1-level1.ksplat").read_bytes()
     path = tmp_path / "a.ksplat"
     section = 4096
@@ -287,7 +287,7 @@ def test_ksplat_headers(tmp_path):
         read_splats(tmp_path / "none.ksplat")
 
 
-def test_compressed_ply_headers(tmp_path):
+def test_compressed_ply_headers(tmp_path: Path) -> None:
     good = (DATA / "degree1.compressed.ply").read_bytes()
     path = tmp_path / "a.ply"
     cases = [

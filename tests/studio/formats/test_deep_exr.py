@@ -1,9 +1,12 @@
 """Deep EXR files, read by OpenEXR's own library."""
 
+from pathlib import Path
+
 import numpy as np
 import OpenEXR
 import pytest
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.studio.formats.test_exr import CAMERA, EYE, over, splat
 from v3studio.studio.cameras import Camera
 from v3studio.studio.formats.exr import export_exr
@@ -13,7 +16,7 @@ from v3studio.studio.similarity import Similarity
 from v3studio.studio.splat_video import SplatVideo
 
 
-def exported(folder, video: SplatVideo, camera: Camera, deep: int, **options):  # type: ignore[no-untyped-def]
+def exported(folder, video: SplatVideo, camera: Camera, deep: int, **options):
     """The first frame: (H, W, 4) of its plate, and (H, W) arrays of its samples, (N, 4) RGBA and (N,) distances."""
     world = options.pop("world", Similarity())
     export_exr(video, folder, lambda index: camera, world, deep=deep, **options)
@@ -24,7 +27,7 @@ def exported(folder, video: SplatVideo, camera: Camera, deep: int, **options):  
     return plate.channels()["RGBA"].pixels.astype(np.float64), channels["RGBA"].pixels, channels["Z"].pixels
 
 
-def composited(samples) -> np.ndarray:  # type: ignore[no-untyped-def]
+def composited(samples) -> np.ndarray:
     """Porter and Duff's "over" of a pixel's samples, the first in front."""
     result = np.zeros(4)
     for one in reversed([] if samples is None else samples.astype(np.float64)):
@@ -33,7 +36,7 @@ def composited(samples) -> np.ndarray:  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize(("space", "shutter"), [("srgb", 0), ("acescg", 0), ("acescg", 180)])
-def test_over_the_samples_it_is_the_plate(tmp_path, make_video, space, shutter):
+def test_over_the_samples_it_is_the_plate(tmp_path: Path, make_video: MakeVideo, space: str, shutter: int) -> None:
     video = make_video((2,), splats=300)
     camera = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=48, height=36)
     sharp, _, _ = exported(tmp_path / "sharp", video, camera, 1, color_space=space)
@@ -47,7 +50,7 @@ def test_over_the_samples_it_is_the_plate(tmp_path, make_video, space, shutter):
     assert sharp[..., 3].max() > 0.9
 
 
-def test_samples_are_where_the_splats_are(tmp_path):
+def test_samples_are_where_the_splats_are(tmp_path: Path) -> None:
     both = Gaussians.cat(splat(0, 0, -0.5, color=(0.1, 0.8, 0.1)), splat(0, 0, 0.5, color=(0.8, 0.1, 0.1)))
     video = SplatVideo("test", 24.0, 1, (0,), lambda index: both)
     world = Similarity(2.0, np.eye(3), np.zeros(3))

@@ -1,12 +1,14 @@
 """Numbered files, and splats rotated for viewers."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
 from v3studio.studio.cameras import Camera, look_at_pose
 from v3studio.studio.errors import StudioError
@@ -23,7 +25,7 @@ def camera(eye, target=(0, 0, 0), up=(0, 0, 1)) -> Camera:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_turned_splats_look_the_same_to_a_camera_that_turns_with_them(make_video, degree):
+def test_turned_splats_look_the_same_to_a_camera_that_turns_with_them(make_video: MakeVideo, degree: int) -> None:
     """Images of the reference rasterizer, with SH; rotating only the splats or only the camera changes them."""
     splats = make_video((1,), degree=degree).read(0).to(torch.float64)
     rotation = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
@@ -38,7 +40,7 @@ def test_turned_splats_look_the_same_to_a_camera_that_turns_with_them(make_video
     assert (rasterize(splats, there, backend="reference").image - before).abs().max() > 0.1
 
 
-def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
+def test_upright_brings_up_to_y_and_the_front_to_z(make_video: MakeVideo) -> None:
     video = replace(make_video(), view=camera([3.0, 0.0, 1.0]))
     rotation = upright(video)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -59,7 +61,7 @@ def test_upright_brings_up_to_y_and_the_front_to_z(make_video):
 
 
 @pytest.mark.parametrize("ending", [".ply", ".spz", ".glb"])
-def test_a_file_a_frame_numbered_for_players(tmp_path, make_video, ending):
+def test_a_file_a_frame_numbered_for_players(tmp_path: Path, make_video: MakeVideo, ending: str) -> None:
     told = []
     part = make_video((4, 3)).part(1, 7, 2)
     export_sequence(part, tmp_path / "out", ending, progress=lambda done, total: told.append((done, total)))
@@ -68,7 +70,7 @@ def test_a_file_a_frame_numbered_for_players(tmp_path, make_video, ending):
     assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
-def test_what_is_in_the_files(tmp_path, make_video):
+def test_what_is_in_the_files(tmp_path: Path, make_video: MakeVideo) -> None:
     video = make_video((4, 3))
     rotation = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
     export_sequence(video, tmp_path / "out", ".ply", rotation)
@@ -82,7 +84,7 @@ def test_what_is_in_the_files(tmp_path, make_video):
         export_frame(make_video(), tmp_path / "one.ply")
 
 
-def test_parts_of_a_video(make_video):
+def test_parts_of_a_video(make_video: MakeVideo) -> None:
     video = make_video((4, 3))
     part = video.part(2, 7, 2)
     assert (part.frame_count, part.fps, part.group_starts) == (3, 10.0, (0, 1))

@@ -2,12 +2,15 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
 import torch
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
 from v3studio.studio.cameras import Camera
 from v3studio.studio.formats.exr import MAX_DEEP, export_exr
@@ -36,7 +39,7 @@ def moving(*centers: tuple[float, float, float], groups: tuple[int, ...] = (0,))
     return SplatVideo("test", 24.0, len(frames), groups, frames.__getitem__)
 
 
-def exported(folder, video: SplatVideo, camera: Camera = CAMERA, world: Similarity | None = None, **options):  # type: ignore[no-untyped-def]
+def exported(folder, video: SplatVideo, camera: Camera = CAMERA, world: Similarity | None = None, **options):
     """The header and the layers of each frame."""
     export_exr(video, folder, options.pop("path", lambda index: camera), world or Similarity(), **options)
     files = [OpenEXR.File(str(path)) for path in sorted(folder.iterdir())]
@@ -61,7 +64,7 @@ def over(rgba: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("space", ["srgb", "rec709", "acescg"])
-def test_over_a_color_it_is_the_renderers_image(tmp_path, make_video, space):
+def test_over_a_color_it_is_the_renderers_image(tmp_path: Path, make_video: MakeVideo, space: str) -> None:
     video = make_video((2,), splats=300)
     camera = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=64, height=48)
     color = np.array([0.2, 0.7, 0.4])
@@ -77,7 +80,7 @@ def test_over_a_color_it_is_the_renderers_image(tmp_path, make_video, space):
     np.testing.assert_allclose(over(rgba, color), meant, atol=2.5e-3)
 
 
-def test_place_normal_and_camera_of_one_splat(tmp_path):
+def test_place_normal_and_camera_of_one_splat(tmp_path: Path) -> None:
     at = np.array([0.3, 0.2, 0.5])
     world = Similarity(2.0, np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.array([10.0, 0, 0]))
     ((header, layers),) = exported(tmp_path / "out", moving((0.3, 0.2, 0.5)), world=world, shutter=Shutter(90, 2))
@@ -100,7 +103,7 @@ def test_place_normal_and_camera_of_one_splat(tmp_path):
     assert (header["framesPerSecond"], header["shutterAngle"], header["cameraLabel"]) == (24, 90, "view")
 
 
-def test_motion_is_in_pixels_to_the_right_and_up(tmp_path):
+def test_motion_is_in_pixels_to_the_right_and_up(tmp_path: Path) -> None:
     video = moving((0, 0, 0), (0.1, 0.05, 0), (0.3, 0.05, 0), (0, 0, 0), groups=(0, 3))
     frames = exported(tmp_path / "out", video)
     scale = CAMERA.fx / EYE
@@ -112,21 +115,21 @@ def test_motion_is_in_pixels_to_the_right_and_up(tmp_path):
         assert not layers["forward"][~drawn].any()
 
 
-def test_a_moving_camera_moves_the_image(tmp_path):
+def test_a_moving_camera_moves_the_image(tmp_path: Path) -> None:
     path = lambda index: replace(CAMERA, world_to_camera=CAMERA.world_to_camera + np.eye(4, k=3) * 0.1 * index)  # noqa: E731
     (_, (_, layers)) = exported(tmp_path / "out", moving((0, 0, 0), (0, 0, 0)), path=path)
     drawn = layers["rgba"][..., 3] > 0
     np.testing.assert_allclose(layers["forward"][drawn, 0], 0.1 * CAMERA.fx / EYE, rtol=1e-4)
 
 
-def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):
+def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path: Path) -> None:
     step, samples = 0.2, 6
     video = moving((-step, 0, 0), (0, 0, 0), (step, 0, 0))
     sharp = exported(tmp_path / "sharp", video, color_space="srgb")
     blurred = exported(tmp_path / "blurred", video, color_space="srgb", shutter=Shutter(360, samples))
     columns = np.arange(64) + 0.5
 
-    def moments(layers) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]
+    def moments(layers) -> tuple[float, float, float]:
         weights = layers["rgba"][..., 3].sum(0).astype(np.float64)
         mean = (weights * columns).sum() / weights.sum()
         return weights.sum(), mean, (weights * (columns - mean) ** 2).sum() / weights.sum()
@@ -148,12 +151,12 @@ def test_blur_is_the_mean_while_the_shutter_is_open(tmp_path):
         ("deep", {"deep": MAX_DEEP + 1}),
     ],
 )  # fmt: skip
-def test_numbers_out_of_range(tmp_path, name, options):
+def test_numbers_out_of_range(tmp_path: Path, name: str, options: dict[str, Any]) -> None:
     with refuses("export.invalid_setting", name=name):
         export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity(), **options)
 
 
-def test_without_the_package(tmp_path, monkeypatch):
+def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "OpenImageIO", None)
     with refuses("exr.missing"):
         export_exr(moving((0, 0, 0)), tmp_path / "out", lambda index: CAMERA, Similarity())

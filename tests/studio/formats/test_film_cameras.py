@@ -1,12 +1,15 @@
 """Cameras of film tools: USD files written by OpenUSD, and Nuke scripts with poses known in closed form."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from v3studio.studio.formats import nuke_cameras, usd_cameras
@@ -21,13 +24,13 @@ def turn(axis: int, degrees: float) -> np.ndarray:
     return Rotation.from_euler("xyz"[axis], degrees, degrees=True).as_matrix()
 
 
-def nuke(path, *knobs: str, before: str = "", kind: str = "Camera3"):  # type: ignore[no-untyped-def]
+def nuke(path, *knobs: str, before: str = "", kind: str = "Camera3"):
     lines = "\n ".join(knobs)
     path.write_text(f"set cut_paste_input [stack 0]\nversion 13.2 v1\n{before}{kind} {{\n {lines}\n name shot\n}}\n")
     return path
 
 
-def test_a_nuke_camera(tmp_path):
+def test_a_nuke_camera(tmp_path: Path) -> None:
     path = nuke(
         tmp_path / "a.nk", "inputs 0", "rot_order XZY", "translate {{curve i x1001 1 2 3} -4 {curve x1001 5}}",
         "rotate {10 {curve x1001 20 x1002 25 x1003 30} -30}", "focal {{curve K x1001 36}}", "haperture 24",
@@ -43,7 +46,7 @@ def test_a_nuke_camera(tmp_path):
         assert (camera.fx, camera.fy, camera.cx, camera.cy) == (960, 960, 320, 180)
 
 
-def test_a_nuke_camera_by_matrix_stands_still(tmp_path):
+def test_a_nuke_camera_by_matrix_stands_still(tmp_path: Path) -> None:
     rows = np.eye(4)
     rows[:3, :3], rows[:3, 3] = turn(1, 90), (1, 2, 3)
     listed = " ".join("{" + " ".join(map(str, row)) + "}" for row in rows)
@@ -69,19 +72,19 @@ def test_a_nuke_camera_by_matrix_stands_still(tmp_path):
         ("translate {0 0 {1}", "", "nuke.syntax"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_read_is_refused(tmp_path, knob, before, code):
+def test_what_cannot_be_read_is_refused(tmp_path: Path, knob: str, before: str, code: str) -> None:
     with refuses(code):
         nuke_cameras.read_cameras(nuke(tmp_path / "a.nk", knob, before=before), *SIZE)
 
 
-def test_scripts_with_and_without_a_camera(tmp_path):
+def test_scripts_with_and_without_a_camera(tmp_path: Path) -> None:
     path = nuke(tmp_path / "a.nk", "focal 50\n}\nBlur {")
     assert list(nuke_cameras.read_cameras(path, *SIZE)) == ["Camera3"]
     with refuses("nuke.no_camera"):
         nuke_cameras.read_cameras(nuke(path, "size 3", kind="Blur"), *SIZE)
 
 
-def test_cameras_that_were_exported_come_back(tmp_path, make_video):
+def test_cameras_that_were_exported_come_back(tmp_path: Path, make_video: MakeVideo) -> None:
     rotation = turn(0, -90)  # from z up to y up
     K = np.array([[210.0, 0, 90], [0, 205, 55], [0, 0, 1]])
     cameras = [camera_at("a", (2, 1, 0.5), K=K), camera_at("b", (0, 2, 0.3))]
@@ -96,7 +99,7 @@ def test_cameras_that_were_exported_come_back(tmp_path, make_video):
 
 
 @pytest.fixture
-def animated(tmp_path):  # type: ignore[no-untyped-def]
+def animated(tmp_path: Path) -> Path:
     """A camera in a file with z up and centimeters, below a transform, which has samples in frames 10 and 12."""
     stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -116,7 +119,7 @@ def animated(tmp_path):  # type: ignore[no-untyped-def]
     return tmp_path / "shot.usda"
 
 
-def test_an_animated_usd_camera(animated):
+def test_an_animated_usd_camera(animated: Path) -> None:
     cameras = usd_cameras.read_cameras(animated, *SIZE)["shot"]
     assert list(cameras) == [10, 11, 12]
     for step, camera in enumerate(cameras.values()):
@@ -126,7 +129,7 @@ def test_an_animated_usd_camera(animated):
         assert (camera.width, camera.height, camera.fx) == (640, 360, pytest.approx(320))
 
 
-def test_keys_are_at_the_frames_of_the_video(animated):
+def test_keys_are_at_the_frames_of_the_video(animated: Path) -> None:
     keys = read_film_keys(animated, "shot", SIZE, (9, 10, 11), 20.0)
     assert [key.frame for key in keys] == [1, 2, 3]
     path = CameraPath(keys, *SIZE)
@@ -142,7 +145,7 @@ def test_keys_are_at_the_frames_of_the_video(animated):
 
 
 @pytest.mark.parametrize("frames", [(0, 4, 4), (0, 4, 2)])
-def test_a_frame_that_is_shown_twice_has_no_camera(animated, frames):
+def test_a_frame_that_is_shown_twice_has_no_camera(animated: Path, frames: tuple[int, ...]) -> None:
     keys = read_film_keys(animated, "shot", SIZE, (10, 11, 12), 20.0)
     path = CameraPath([replace(key, frame=frame) for key, frame in zip(keys, frames, strict=True)], *SIZE)
     with refuses("camera_path.frames_not_ascending"):
@@ -158,7 +161,9 @@ def test_a_frame_that_is_shown_twice_has_no_camera(animated, frames):
         (lambda stage, camera: [stage.RemovePrim(path) for path in ("/rig", "/still")], "usd.no_camera"),
     ],
 )
-def test_usd_cameras_that_are_refused(animated, change, code):
+def test_usd_cameras_that_are_refused(
+    animated: Path, change: Callable[[Usd.Stage, UsdGeom.Camera], object], code: str
+) -> None:
     stage = Usd.Stage.Open(str(animated))
     change(stage, UsdGeom.Camera(stage.GetPrimAtPath("/rig/shot")))
     stage.GetRootLayer().Save()

@@ -2,10 +2,12 @@
 
 import json
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.studio.formats.conftest import MakeSplats
 from v3studio.studio.formats import write_splats
 
 TYPES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
@@ -40,7 +42,7 @@ def read_glb(data: bytes):
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
-def test_against_the_specification(tmp_path, make_splats, degree):
+def test_against_the_specification(tmp_path: Path, make_splats: MakeSplats, degree: int) -> None:
     splats = make_splats(77, degree)
     write_splats(splats, tmp_path / "a.glb")
     content, primitive, arrays = read_glb((tmp_path / "a.glb").read_bytes())

@@ -2,13 +2,17 @@
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 import torch
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
 from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Camera, Rig, look_at_pose
@@ -36,7 +40,7 @@ def camera(angle: float, focal: float = 100.0, width: int = 120, height: int = 8
 KEYS = [Key(0.5, camera(0.0)), Key(1.5, camera(0.8, 120)), Key(2.0, camera(1.0, 150)), Key(4.0, camera(2.6, 90))]
 
 
-def test_at_a_keys_time_it_is_the_keys_camera():
+def test_at_a_keys_time_it_is_the_keys_camera() -> None:
     path = CameraPath(KEYS, 120, 80)
     assert path.duration == 3.5
     for key in KEYS:
@@ -47,7 +51,7 @@ def test_at_a_keys_time_it_is_the_keys_camera():
         np.testing.assert_allclose(path.camera(outside).world_to_camera, key.camera.world_to_camera, atol=1e-9)
 
 
-def test_speed_never_jumps_and_focal_lengths_stay_between_the_keys():
+def test_speed_never_jumps_and_focal_lengths_stay_between_the_keys() -> None:
     path = CameraPath(KEYS, 120, 80)
     step = 0.004
     cameras = [path.camera(time) for time in np.arange(0, 3.5, step)]
@@ -59,7 +63,7 @@ def test_speed_never_jumps_and_focal_lengths_stay_between_the_keys():
     assert all(90 - 1e-9 <= found.fx <= 150 + 1e-9 for found in cameras)
 
 
-def test_another_size_of_the_same_shape():
+def test_another_size_of_the_same_shape() -> None:
     found = CameraPath(KEYS, 240, 160).camera(0)
     assert (found.width, found.height) == (240, 160)
     np.testing.assert_allclose(found.K, np.diag([2, 2, 1]) @ KEYS[0].camera.K)
@@ -67,7 +71,7 @@ def test_another_size_of_the_same_shape():
         CameraPath(KEYS, 100, 100)
 
 
-def test_paths_files(tmp_path):
+def test_paths_files(tmp_path: Path) -> None:
     path = tmp_path / "path.json"
     keys = [replace(key, frame=index * 2.0) for index, key in enumerate(KEYS)]
     write_path_keys(keys, path)
@@ -94,7 +98,9 @@ def test_paths_files(tmp_path):
         (lambda v: v["keys"][1].update(frame=3), "camera_path.frames", {"file": None}),
     ],
 )
-def test_damaged_paths(tmp_path, edit, code, fields):
+def test_damaged_paths(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], object], code: str, fields: dict[str, Any]
+) -> None:
     path = tmp_path / "path.json"
     write_path_keys(KEYS, path)
     values = json.loads(path.read_text())
@@ -104,7 +110,7 @@ def test_damaged_paths(tmp_path, edit, code, fields):
         CameraPath(read_path_keys(path, 1.0), 120, 80)
 
 
-def test_the_turntable_sees_all_of_the_subject_from_everywhere(make_video):
+def test_the_turntable_sees_all_of_the_subject_from_everywhere(make_video: MakeVideo) -> None:
     video = replace(make_video((4,)), view=camera(0.7))
     center, radius = subject_sphere(video)
     circling = turntable(video, 160, 90, elevation=15)
@@ -134,7 +140,7 @@ def pictures(path):
         return stream.average_rate, [frame.to_ndarray(format="rgb24") for frame in file.decode(stream)]
 
 
-def test_a_movie_shows_what_the_rasterizer_draws(tmp_path, make_video):
+def test_a_movie_shows_what_the_rasterizer_draws(tmp_path: Path, make_video: MakeVideo) -> None:
     video = replace(make_video((4,)), background=(0.2, 0.6, 0.4))
     path = CameraPath([Key(0, camera(0.0)), Key(0.5, camera(0.6))], 120, 80)
     count = render_movie(video, tmp_path / "a.mp4", path.camera, lambda time: time * video.fps, 0.5, 16, crf=4)
@@ -151,7 +157,7 @@ def test_a_movie_shows_what_the_rasterizer_draws(tmp_path, make_video):
     assert np.abs(found[7] / 255 - wrong).mean() > 2 * difference.mean()  # the comparison is sensitive to the camera
 
 
-def test_colors_are_those_of_bt709(tmp_path, make_video):
+def test_colors_are_those_of_bt709(tmp_path: Path, make_video: MakeVideo) -> None:
     """The background's luma by BT.709's own formula; by BT.601's it would be 116."""
     red, green, blue = 0.2, 0.6, 0.4
     video = replace(make_video((1,)), background=(red, green, blue))
@@ -164,7 +170,7 @@ def test_colors_are_those_of_bt709(tmp_path, make_video):
     assert luma[:8, :8].mean() == pytest.approx(16 + 219 * (0.2126 * red + 0.7152 * green + 0.0722 * blue), abs=1)
 
 
-def test_movies_that_cannot_be(tmp_path, make_video):
+def test_movies_that_cannot_be(tmp_path: Path, make_video: MakeVideo) -> None:
     video = make_video((2,))
     still = CameraPath([Key(0, camera(0.0))], 120, 80).camera
     odd = CameraPath([Key(0, camera(0.0, width=121))], 121, 80).camera

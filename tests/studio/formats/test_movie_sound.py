@@ -1,22 +1,25 @@
 """Movies carry the video's sound: a click in a frame is heard when the movie shows that frame."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.studio.formats.test_movie import camera
 from tests.support.sounds import ArrayPcm, click_times, clicks
 from v3studio.studio.formats.camera_path import CameraPath, Key
 from v3studio.studio.formats.movie import movie_sound, render_movie
+from v3studio.studio.splat_video import SplatVideo
 
 FPS = 20
 CLICK = 2 / FPS  # in frame 2
 
 
 @pytest.fixture
-def video(make_video):
+def video(make_video: MakeVideo) -> SplatVideo:
     """Four frames with a click in frame 2."""
     return replace(make_video((4,)), sound=ArrayPcm(clicks(4 / FPS, [CLICK], channels=2)))
 
@@ -31,7 +34,7 @@ def heard(path):
     return click_times(samples), pictures
 
 
-def test_the_sound_is_in_sync_and_loops_with_the_frames(tmp_path, video):
+def test_the_sound_is_in_sync_and_loops_with_the_frames(tmp_path: Path, video: SplatVideo) -> None:
     still = CameraPath([Key(0, camera(0.0))], 48, 32)
     render_movie(video, tmp_path / "a.mp4", still.camera, lambda time: time * FPS, 0.4, FPS)
     found, pictures = heard(tmp_path / "a.mp4")
@@ -40,7 +43,7 @@ def test_the_sound_is_in_sync_and_loops_with_the_frames(tmp_path, video):
     assert found == pytest.approx([CLICK, 4 / FPS + CLICK], abs=0.001)
 
 
-def test_where_frames_keep_their_speed(video):
+def test_where_frames_keep_their_speed(video: SplatVideo) -> None:
     def clicks_of(video, frame, seconds):
         sound, _ = movie_sound(video, frame, seconds, FPS)
         return click_times(sound.until(seconds))

@@ -1,6 +1,7 @@
 """Performers are told apart by the space between them, and followed from group to group."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def bodies(*places: float, seed: int = 0, splats: int = 1500) -> Gaussians:
 
 
 @pytest.mark.parametrize("places", [(0.0,), (-0.5, 0.5), (-1.4, 0.0, 0.9)])
-def test_splats_belong_to_the_body_that_they_are_in(places):
+def test_splats_belong_to_the_body_that_they_are_in(places: tuple[float, ...]) -> None:
     splats = bodies(*places)
     found = separated(splats, len(places))
     x = splats.means[:, 0].numpy()
@@ -43,7 +44,7 @@ def test_splats_belong_to_the_body_that_they_are_in(places):
     assert len(set(found)) == len(places)
 
 
-def test_a_ball_is_a_third_or_belongs_to_the_nearest():
+def test_a_ball_is_a_third_or_belongs_to_the_nearest() -> None:
     ball = bodies(0.3, splats=220)
     ball.means[:, 1] *= 0.25
     both = Gaussians.cat(bodies(-1.4, 1.4), ball)
@@ -56,7 +57,7 @@ def test_a_ball_is_a_third_or_belongs_to_the_nearest():
     assert set(two[np.abs(x - 0.3) < 0.21]) == set(two[np.abs(x - 1.4) < 0.21])
 
 
-def mattes(folder, video: SplatVideo, count: int):  # type: ignore[no-untyped-def]
+def mattes(folder, video: SplatVideo, count: int):
     """Alpha and the mattes of each frame, (H, W) and (H, W, count)."""
     export_exr(video, folder, lambda index: CAMERA, Similarity(), performers=count)
     found = []
@@ -67,7 +68,7 @@ def mattes(folder, video: SplatVideo, count: int):  # type: ignore[no-untyped-de
     return found
 
 
-def test_mattes_add_up_to_alpha_and_follow_the_performers(tmp_path):
+def test_mattes_add_up_to_alpha_and_follow_the_performers(tmp_path: Path) -> None:
     """Two cross, meeting in the middle of the first group; each group has its own splats."""
     lefts = [-0.8, 0.0, 0.6, 0.9, 1.0]
     groups = (0, 0, 0, 1, 1)
@@ -82,7 +83,7 @@ def test_mattes_add_up_to_alpha_and_follow_the_performers(tmp_path):
         np.testing.assert_allclose(middles, wanted, atol=2)
 
 
-def test_performers_that_touch_are_refused(tmp_path):
+def test_performers_that_touch_are_refused(tmp_path: Path) -> None:
     video = SplatVideo("test", 25.0, 1, (0,), lambda index: bodies(-0.1, 0.1))
     with refuses("exr.performers", value=2):
         mattes(tmp_path / "out", video, 2)

@@ -3,9 +3,11 @@
 import resource
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
 from tests.support.streams import contents
 from v3studio.studio.cameras import Camera
@@ -30,22 +32,24 @@ WRITERS: dict[str, Callable[..., object]] = {
 
 
 @pytest.fixture(params=WRITERS)
-def export(request, tmp_path):
+def export(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., object]:
     """Exports a video to one place."""
     return lambda video, **more: WRITERS[request.param](video, tmp_path / request.param, **more)
 
 
-def test_of_two_exports_to_one_place_the_first_that_ends_wins(export, make_video, tmp_path):
+def test_of_two_exports_to_one_place_the_first_that_ends_wins(
+    export: Callable[..., object], make_video: MakeVideo, tmp_path: Path
+) -> None:
     video, done = make_video((2,), splats=50), []
 
-    def read(index):  # type: ignore[no-untyped-def]
+    def read(index):
         if not done:  # while the first has begun, the other writes everything
             done.append(index)
             export(video)
             done.append(written())
         return video.read(index)
 
-    def written():  # type: ignore[no-untyped-def]
+    def written():
         visible = [path for path in tmp_path.iterdir() if not path.name.startswith(".")]
         return {path.name: path.read_bytes() if path.is_file() else contents(path) for path in visible}
 
@@ -56,7 +60,7 @@ def test_of_two_exports_to_one_place_the_first_that_ends_wins(export, make_video
     assert len(list(tmp_path.iterdir())) == len(done[1]), "temporary files"
 
 
-def test_a_canceled_export_leaves_nothing(export, make_video, tmp_path):
+def test_a_canceled_export_leaves_nothing(export: Callable[..., object], make_video: MakeVideo, tmp_path: Path) -> None:
     def stop(done, total, **figures):
         if done == 2:
             raise Cancelled
@@ -66,7 +70,7 @@ def test_a_canceled_export_leaves_nothing(export, make_video, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_leaves_nothing(export, make_video, tmp_path):
+def test_a_full_disk_leaves_nothing(export: Callable[..., object], make_video: MakeVideo, tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
     try:

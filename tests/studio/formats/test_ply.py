@@ -2,18 +2,20 @@
 
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 import pytest
 import torch
 
+from tests.studio.formats.conftest import MakeSplats
 from tests.support.errors import refuses
 from v3studio.studio.formats import FRAME_FILES, read_splats, splats_size, write_splats
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_round_trip_is_exact(tmp_path, make_splats, degree):
+def test_round_trip_is_exact(tmp_path: Path, make_splats: MakeSplats, degree: int) -> None:
     splats = make_splats(degree=degree)
     path = tmp_path / "frame_0000.ply"
     write_splats(splats, path)
@@ -26,7 +28,7 @@ def test_round_trip_is_exact(tmp_path, make_splats, degree):
             assert torch.equal(mine, theirs), name
 
 
-def test_the_head_and_the_order_are_those_of_3dgs(tmp_path, make_splats):
+def test_the_head_and_the_order_are_those_of_3dgs(tmp_path: Path, make_splats: MakeSplats) -> None:
     """Parsed by hand: the property list of the released trainer, little-endian floats, SH by channel."""
     splats = make_splats(5, degree=1)
     path = tmp_path / "a.ply"
@@ -48,7 +50,7 @@ def test_the_head_and_the_order_are_those_of_3dgs(tmp_path, make_splats):
     assert third["rot_0"] == pytest.approx(splats.quats[2, 0].item())
 
 
-def test_open3d_reads_it(tmp_path, make_splats):
+def test_open3d_reads_it(tmp_path: Path, make_splats: MakeSplats) -> None:
     splats = make_splats(degree=2)
     write_splats(splats, tmp_path / "a.ply")
     cloud = o3d.t.io.read_point_cloud(str(tmp_path / "a.ply"))
@@ -61,7 +63,7 @@ def test_open3d_reads_it(tmp_path, make_splats):
     np.testing.assert_allclose(cloud.point["rot"].numpy(), splats.quats.numpy(), atol=2e-7)
 
 
-def test_other_programs_files(tmp_path):
+def test_other_programs_files(tmp_path: Path) -> None:
     """ASCII, doubles, another order, extra properties, no normals; an opacity of exactly 1 is an infinite logit."""
     names = ["opacity", "z", "y", "x", "temperature", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += ["rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2"]
@@ -87,7 +89,7 @@ def write_raw(path, replaced=("", ""), body=None, count=2):
     path.write_bytes(head.replace(*replaced, 1).encode() + (rows.tobytes() if body is None else body))
 
 
-def test_damage_and_other_things_than_splats(tmp_path):
+def test_damage_and_other_things_than_splats(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     write_raw(path)
     assert len(read_splats(path)) == 2
@@ -111,7 +113,7 @@ def test_damage_and_other_things_than_splats(tmp_path):
         read_splats(tmp_path / "a.obj")
 
 
-def test_what_cannot_be_written(tmp_path, make_splats):
+def test_what_cannot_be_written(tmp_path: Path, make_splats: MakeSplats) -> None:
     splats = make_splats(3)
     broken = replace(splats, means=splats.means * torch.nan)
     flat = replace(splats, quats=splats.quats * torch.tensor([[1.0], [0.0], [1.0]]))

@@ -34,13 +34,13 @@ def body(frame: int, splats: int = 120, degree: int = 0) -> Gaussians:
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path: Path) -> Path:
     folder = tmp_path / "in"
     folder.mkdir()
     return folder
 
 
-def test_numbers_say_the_order(folder):
+def test_numbers_say_the_order(folder: Path) -> None:
     for name in ("walk10.ply", "walk9.ply", "walk_2.extra.ply", ".hidden_1.ply", "notes.txt"):
         (folder / name).touch()
     found = [(number, path.name) for number, path in find_frames(folder)]
@@ -64,11 +64,11 @@ def test_numbers_say_the_order(folder):
         (["0", "10", "2"], [0, 10, 2]),
     ],
 )
-def test_the_number_that_changes_is_that_of_the_frame(folder, names, numbers):
+def test_the_number_that_changes_is_that_of_the_frame(folder: Path, names: list[str], numbers: list[int]) -> None:
     assert frame_numbers(folder, names) == numbers
 
 
-def test_names_that_do_not_say_the_order_are_refused(folder):
+def test_names_that_do_not_say_the_order_are_refused(folder: Path) -> None:
     with refuses("import.ambiguous_order", file=folder, value=["a1_b2.ply", "a2_b1.ply"]):
         frame_numbers(folder, ["a1_b2.ply", "a2_b1.ply"])
     with refuses("import.iterations", file=folder) as caught:
@@ -76,7 +76,7 @@ def test_names_that_do_not_say_the_order_are_refused(folder):
     assert caught.value.fix.endswith("iteration_30000.ply")
 
 
-def test_checkpoints_of_one_folder_per_frame(folder):
+def test_checkpoints_of_one_folder_per_frame(folder: Path) -> None:
     """As the released code of VideoGS leaves them: the last iteration of each frame, in the order of the frames."""
     for frame in (0, 9, 10):
         for iteration in (7000, 30000):
@@ -91,7 +91,7 @@ def test_checkpoints_of_one_folder_per_frame(folder):
     assert open_import(folder / "9" / "point_cloud").frame_count == 1
 
 
-def test_a_splat_that_is_unusable_in_one_frame_is_dropped_from_its_group(folder):
+def test_a_splat_that_is_unusable_in_one_frame_is_dropped_from_its_group(folder: Path) -> None:
     for index in range(3):
         frame = body(index)
         if index == 1:
@@ -126,7 +126,7 @@ def decoded_errors(video: SplatVideo, stream: Path, meant: Gaussians) -> torch.T
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e4, 1e6, 1e30])
-def test_far_splats_do_not_cost_the_others_their_precision(folder, tmp_path, distance):
+def test_far_splats_do_not_cost_the_others_their_precision(folder: Path, tmp_path: Path, distance: float) -> None:
     frames = [body(index, splats=3000) for index in range(2)]
     plain = SplatVideo("plain", 30.0, 2, (0,), [frame.clone() for frame in frames].__getitem__)
     usual = decoded_errors(plain, tmp_path / "plain", frames[1])
@@ -150,7 +150,7 @@ def test_far_splats_do_not_cost_the_others_their_precision(folder, tmp_path, dis
 
 
 @pytest.mark.parametrize(("away", "noted"), [(100.0, 0), (1e6, 1)])
-def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
+def test_positions_that_float32_cannot_hold_are_noted(folder: Path, away: float, noted: int) -> None:
     for index in range(2):
         frame = body(index)
         frame.means[:, 1] += away
@@ -158,7 +158,7 @@ def test_positions_that_float32_cannot_hold_are_noted(folder, away, noted):
     assert sum("steps of" in note for note in open_import(folder).notes) == noted
 
 
-def test_a_folder_of_no_or_more_than_one_format_is_refused_by_name(folder):
+def test_a_folder_of_no_or_more_than_one_format_is_refused_by_name(folder: Path) -> None:
     with refuses("import.not_found", file=folder / "none"):
         open_import(folder / "none")
     with refuses("import.no_files", file=folder):
@@ -177,7 +177,7 @@ def test_a_folder_of_no_or_more_than_one_format_is_refused_by_name(folder):
         open_import(folder)
 
 
-def test_a_videogs_folder_with_other_files_is_refused(folder):
+def test_a_videogs_folder_with_other_files_is_refused(folder: Path) -> None:
     write_splats(body(0), folder / "f0.ply")
     export_videogs(open_import(folder), folder / "out")
     assert open_import(folder / "out").frame_count == 1
@@ -186,7 +186,7 @@ def test_a_videogs_folder_with_other_files_is_refused(folder):
         open_import(folder / "out")
 
 
-def test_open_sog_data_sets(folder):
+def test_open_sog_data_sets(folder: Path) -> None:
     """meta.json with images: itself, its folder, and folders of them as frames; others' meta.json do not count."""
     assert open_import(SPLATS / "sog" / "degree1" / "meta.json").frame_count == 1
     assert open_import(SPLATS / "sog" / "degree1").frame_count == 1
@@ -207,7 +207,7 @@ def test_open_sog_data_sets(folder):
 
 @pytest.mark.parametrize("name", ["degree1.compressed.ply", "degree1.spz", "degree0.sog", "degree0.splat",
                                   "degree2-level2.ksplat"])  # fmt: skip
-def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
+def test_sequences_of_each_format_are_baked(folder: Path, tmp_path: Path, name: str) -> None:
     for frame in range(3):
         shutil.copy(SPLATS / name, folder / f"f{frame}{name[name.index('.') :]}")
     manifest = bake_video(open_import(folder), tmp_path / "stream", BakeSettings(quality=0))
@@ -216,7 +216,7 @@ def test_sequences_of_each_format_are_baked(folder, tmp_path, name):
     assert manifest.metadata["up"] == ([0, 1, 0] if name.endswith(".spz") else [0, -1, 0])
 
 
-def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
+def test_groups_begin_where_splats_can_no_longer_be_followed(folder: Path) -> None:
     shuffled = torch.randperm(120, generator=torch.Generator().manual_seed(5))
     frames = [body(0), body(1), body(2)[shuffled], body(3)[shuffled], body(4, 90), body(5, 80), body(6, 80)]
     for index, frame in enumerate(frames):
@@ -230,7 +230,7 @@ def test_groups_begin_where_splats_can_no_longer_be_followed(folder):
     assert cut(video, 20, 1) == [range(1), range(1, 2), range(2, 4), range(4, 5), range(5, 7)]
 
 
-def test_baked_and_played(folder, tmp_path):
+def test_baked_and_played(folder: Path, tmp_path: Path) -> None:
     frames = [body(index, degree=1) for index in range(5)] + [body(5, splats=70)]
     for index, frame in enumerate(frames):
         write_splats(frame, folder / f"f{index:02d}.ply")
@@ -252,7 +252,7 @@ def test_baked_and_played(folder, tmp_path):
     assert play_headless(tmp_path / "stream").shown == 6
 
 
-def test_a_damaged_frame_leaves_nothing_behind(folder, tmp_path):
+def test_a_damaged_frame_leaves_nothing_behind(folder: Path, tmp_path: Path) -> None:
     for frame in range(3):
         write_splats(body(frame), folder / f"f{frame}.ply")
     video = open_import(folder)

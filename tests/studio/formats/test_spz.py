@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from tests.studio.formats.conftest import MakeSplats
 from tests.studio.formats.test_damage import each_is_refused, with_record
 from tests.support.errors import refuses
 from v3studio.studio.errors import StudioError
@@ -28,7 +29,7 @@ DATA = Path(__file__).parents[2] / "data" / "splats"
     ("name", "z", "dc", "quat"),
     [("minimal-raw", -1, 1.1111, 0.0039), ("minimal-v2", -1, 1.1111, 0.0039), ("minimal-v3", 1, 0.5882, 0.0)],
 )
-def test_files_of_other_programs(name, z, dc, quat):
+def test_files_of_other_programs(name: str, z: int, dc: float, quat: float) -> None:
     """Values as read by splat-transform 3.7 (which flips y and z to PLY axes; here they are as in the file)."""
     assert splats_size(DATA / f"{name}.spz") == (4, 0)
     splats = read_splats(DATA / f"{name}.spz")
@@ -90,7 +91,9 @@ def by_the_description(data: bytes, expected_version: int) -> dict[str, np.ndarr
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 @pytest.mark.parametrize("version", [3, 4])
-def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, version):
+def test_what_is_written_says_what_was_meant(
+    tmp_path: Path, make_splats: MakeSplats, degree: int, version: int
+) -> None:
     splats = make_splats(120, degree)
     path = tmp_path / "a.spz"
     write_splats(splats, path, version=version)
@@ -112,7 +115,7 @@ def test_what_is_written_says_what_was_meant(tmp_path, make_splats, degree, vers
     np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
 
 
-def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
+def test_version_4_is_the_default_and_2_is_not_written(tmp_path: Path, make_splats: MakeSplats) -> None:
     write_splats(make_splats(5), tmp_path / "a.spz")
     assert (tmp_path / "a.spz").read_bytes()[:5] == b"NGSP\x04"
     with refuses("splat_file.unsupported_version", file=tmp_path / "b.spz", value=2):
@@ -120,7 +123,7 @@ def test_version_4_is_the_default_and_2_is_not_written(tmp_path, make_splats):
 
 
 @pytest.mark.parametrize("size", [1e-4, 1.0, 300.0, 1e6])
-def test_positions_of_any_size(tmp_path, make_splats, size):
+def test_positions_of_any_size(tmp_path: Path, make_splats: MakeSplats, size: float) -> None:
     splats = make_splats(50)
     scaled = replace(splats, means=splats.means * size)
     write_splats(scaled, tmp_path / "a.spz")
@@ -130,14 +133,14 @@ def test_positions_of_any_size(tmp_path, make_splats, size):
     assert error <= 0.5 * step + 1e-7 * size
 
 
-def test_too_far_out(tmp_path, make_splats):
+def test_too_far_out(tmp_path: Path, make_splats: MakeSplats) -> None:
     splats = make_splats(5)
     far = replace(splats, means=splats.means + 1e8)
     with refuses("splat_file.position_range", file=tmp_path / "a.spz"):
         write_splats(far, tmp_path / "a.spz")
 
 
-def test_damage(tmp_path, make_splats):
+def test_damage(tmp_path: Path, make_splats: MakeSplats) -> None:
     path = tmp_path / "a.spz"
     write_splats(make_splats(64), path, version=3)
     good = path.read_bytes()
@@ -171,7 +174,9 @@ LETTERS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B"
     ("number", "axes"),
     [(0, "RUB"), (4, "RUB"), (1, "LDB"), (6, "RDF"), (7, "LUF"), (8, "RUF"), (9, "LFD"), (12, "RFU"), (16, "RBU")],
 )
-def test_other_axes_are_turned_to_those_of_the_format(tmp_path, make_splats, number, axes):
+def test_other_axes_are_turned_to_those_of_the_format(
+    tmp_path: Path, make_splats: MakeSplats, number: int, axes: str
+) -> None:
     """Positions, covariances and colors of the record's axes, against the letters of its name."""
     splats = make_splats(degree=3)
     path = tmp_path / "a.spz"
@@ -192,7 +197,7 @@ def test_other_axes_are_turned_to_those_of_the_format(tmp_path, make_splats, num
     assert len(notes) == (axes != "RUB")
 
 
-def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path, make_splats):
+def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path: Path, make_splats: MakeSplats) -> None:
     path = tmp_path / "a.spz"
     write_splats(make_splats(), path, version=3)
     plain = bytearray(gzip.decompress(path.read_bytes()))
@@ -210,7 +215,9 @@ def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path,
     flags=st.integers(0, 255),
 )
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_other_records_and_flags_are_never_misread(tmp_path_factory, make_splats, kind, body, flags):
+def test_other_records_and_flags_are_never_misread(
+    tmp_path_factory: pytest.TempPathFactory, make_splats: MakeSplats, kind: int, body: bytes, flags: int
+) -> None:
     """The same splats and a note that names what was ignored, or an error."""
     path = tmp_path_factory.mktemp("spz") / "a.spz"
     write_splats(make_splats(20), path)

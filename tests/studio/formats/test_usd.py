@@ -3,12 +3,14 @@
 import sys
 import wave
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdMedia, UsdValidation, UsdVol
 
+from tests.studio.formats.conftest import MakeSplats, MakeVideo
 from tests.support.errors import refuses
 from tests.support.rigs import camera_at
 from tests.support.sounds import ArrayPcm
@@ -22,7 +24,7 @@ SH = "radiance:sphericalHarmonicsCoefficients"
 RAMP = np.linspace(-1, 1, 2400, dtype=np.float32)
 
 
-def opened(path):  # type: ignore[no-untyped-def]
+def opened(path):
     stage = Usd.Stage.Open(str(path))
     registry = UsdValidation.ValidationRegistry()
     validators = [registry.GetOrLoadValidatorByName(one.name) for one in registry.GetAllValidatorMetadata()]
@@ -32,7 +34,7 @@ def opened(path):  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize("ending", [".usdc", ".usdz", ".usda"])
-def test_frames_as_openusd_reads_them(tmp_path, make_video, ending):
+def test_frames_as_openusd_reads_them(tmp_path: Path, make_video: MakeVideo, ending: str) -> None:
     video = replace(make_video((4, 3), degree=3), numbers=tuple(range(10, 17)))
     export_usd(video, tmp_path / f"walk{ending}", None)
     stage = opened(tmp_path / f"walk{ending}")
@@ -62,7 +64,7 @@ def test_frames_as_openusd_reads_them(tmp_path, make_video, ending):
     assert (samples["positions"], samples["opacitiesh"], samples[f"{SH}h"]) == (4, 0, 0)  # what is constant, once
 
 
-def test_upright_with_cameras_and_sound(tmp_path, make_video):
+def test_upright_with_cameras_and_sound(tmp_path: Path, make_video: MakeVideo) -> None:
     camera = camera_at("cam 1", (2.0, 1.0, -0.5))
     there = Similarity(2.0, translation=np.array([4e5, 0, 0]))
     video = replace(make_video((3,)), sound=ArrayPcm(np.stack([RAMP, RAMP], axis=1), 8000), original=there)
@@ -90,7 +92,7 @@ def test_upright_with_cameras_and_sound(tmp_path, make_video):
     np.testing.assert_allclose(samples / 32767, RAMP, atol=1e-4)
 
 
-def test_imported_again(tmp_path, make_video):
+def test_imported_again(tmp_path: Path, make_video: MakeVideo) -> None:
     video = make_video((4, 3), degree=1)
     export_usd(video, tmp_path / "a.usdc")
     back = open_import(tmp_path / "a.usdc")
@@ -103,7 +105,7 @@ def test_imported_again(tmp_path, make_video):
     assert open_import(tmp_path / "a.usdc", fps=12).fps == 12
 
 
-def define(path, splats):  # type: ignore[no-untyped-def]
+def define(path, splats):
     """A static file as another tool would write it: floats, a transform of its own, z up."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, "Z")
@@ -121,7 +123,7 @@ def define(path, splats):  # type: ignore[no-untyped-def]
     return stage, prim
 
 
-def test_static_splats_of_another_tool_with_a_transform(tmp_path, make_splats):
+def test_static_splats_of_another_tool_with_a_transform(tmp_path: Path, make_splats: MakeSplats) -> None:
     splats = make_splats(60, 2)
     stage, prim = define(tmp_path / "a.usda", splats)
     prim.AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
@@ -137,10 +139,10 @@ def test_static_splats_of_another_tool_with_a_transform(tmp_path, make_splats):
     torch.testing.assert_close(after.sh, expected.sh, atol=1e-5, rtol=0)
 
 
-def test_what_would_be_misread_is_refused(tmp_path, make_splats):
+def test_what_would_be_misread_is_refused(tmp_path: Path, make_splats: MakeSplats) -> None:
     splats = make_splats(8, 1)
 
-    def refused(words: str, change) -> None:  # type: ignore[no-untyped-def]
+    def refused(words: str, change) -> None:
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.usda"
         stage, prim = define(path, splats)
         change(prim)
@@ -160,7 +162,7 @@ def test_what_would_be_misread_is_refused(tmp_path, make_splats):
         open_import(tmp_path / "x.usdc")
 
 
-def test_one_static_prim_per_frame_that_is_shown_and_hidden(tmp_path, make_splats):
+def test_one_static_prim_per_frame_that_is_shown_and_hidden(tmp_path: Path, make_splats: MakeSplats) -> None:
     stage, _ = define(tmp_path / "a.usda", make_splats(9))
     stage.Save()
     both = Usd.Stage.CreateNew(str(tmp_path / "both.usda"))
@@ -179,7 +181,9 @@ def test_one_static_prim_per_frame_that_is_shown_and_hidden(tmp_path, make_splat
     assert any("1 time code " in note for note in found.notes)
 
 
-def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(tmp_path, make_splats):
+def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(
+    tmp_path: Path, make_splats: MakeSplats
+) -> None:
     splats = make_splats(50)
     splats.means[3, 0] = float("nan")
     stage, prim = define(tmp_path / "a.usda", splats)
@@ -192,7 +196,9 @@ def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(tmp_p
     assert sum("scan:confidence" in note for note in found.notes) == 1
 
 
-def test_without_usd_core_the_extra_is_named(tmp_path, make_video, monkeypatch):
+def test_without_usd_core_the_extra_is_named(
+    tmp_path: Path, make_video: MakeVideo, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "pxr", None)
     with refuses("usd.missing") as caught:
         export_usd(make_video(), tmp_path / "a.usdc")

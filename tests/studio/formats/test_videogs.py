@@ -2,6 +2,7 @@
 the released code, it decodes with OpenCV to BGR pictures and converts these to gray."""
 
 import json
+from pathlib import Path
 
 import av
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
 from v3studio.studio.formats.sequence import open_import
 from v3studio.studio.formats.videogs import export_videogs, open_videogs
@@ -53,7 +55,7 @@ def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
-def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
+def test_the_players_see_what_was_exported(tmp_path: Path, make_video: MakeVideo, degree: int) -> None:
     """QP 0: every splat is within half a quantization step of the ranges of its frame."""
     video = make_video((3, 1, 2), degree=degree)
     export_videogs(video, tmp_path / "out", qp=0)
@@ -86,7 +88,7 @@ def test_the_players_see_what_was_exported(tmp_path, make_video, degree):
             assert alike.min() > 1 - 4e-5
 
 
-def test_what_is_imported_is_what_the_players_see(tmp_path, make_video):
+def test_what_is_imported_is_what_the_players_see(tmp_path: Path, make_video: MakeVideo) -> None:
     video = make_video((4, 3))
     export_videogs(video, tmp_path / "out", qp=0)
     imported = open_import(tmp_path / "out")
@@ -100,7 +102,9 @@ def test_what_is_imported_is_what_the_players_see(tmp_path, make_video):
 
 
 @pytest.mark.parametrize("qp", [0, 20, 28, 35])
-def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(tmp_path, make_video, qp):
+def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(
+    tmp_path: Path, make_video: MakeVideo, qp: int
+) -> None:
     """Players draw nothing below 1/255. A codec's quantizer with the step s has an error of s / sqrt(12)."""
     video = make_video((4,), splats=1900)  # of 48 x 48 pixels
     export_videogs(video, tmp_path / "out", qp=qp)
@@ -119,7 +123,7 @@ def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec_would_be(t
         assert abs(error).max() <= 0.55 * step
 
 
-def test_names_and_constant_channels(tmp_path, make_video):
+def test_names_and_constant_channels(tmp_path: Path, make_video: MakeVideo) -> None:
     video = make_video((5,))
     still = video.read(0)
     still.sh[:] = 0.25
@@ -136,12 +140,12 @@ def test_names_and_constant_channels(tmp_path, make_video):
 
 
 @pytest.fixture
-def exported(tmp_path, make_video):
+def exported(tmp_path: Path, make_video: MakeVideo) -> Path:
     export_videogs(make_video((3, 2)), tmp_path / "out", qp=0)
     return tmp_path / "out"
 
 
-def test_frames_called_by_their_names_as_the_released_baker_does(exported):
+def test_frames_called_by_their_names_as_the_released_baker_does(exported: Path) -> None:
     expected = [frame.means for frame in open_videogs(exported)]
     info = json.loads((exported / "group_info.json").read_text())
     for entry in info.values():
@@ -153,7 +157,7 @@ def test_frames_called_by_their_names_as_the_released_baker_does(exported):
         assert torch.equal(found.means, meant)
 
 
-def test_limited_range_video_is_scaled_to_the_full_one(exported):
+def test_limited_range_video_is_scaled_to_the_full_one(exported: Path) -> None:
     """Limited range, as the released baker encodes: within two levels of full range."""
     before = open_videogs(exported).read(0)
     path = exported / "group0" / "12.mp4"  # opacity
@@ -172,7 +176,7 @@ def test_limited_range_video_is_scaled_to_the_full_one(exported):
     assert (after.opacities - before.opacities).abs().max() <= 2 / 255 * span
 
 
-def test_damaged_layouts(exported, tmp_path):
+def test_damaged_layouts(exported: Path, tmp_path: Path) -> None:
     groups, frames = "group_info.json", "viewer_min_max.json"
     two = {"frame": "2", "name": "info"}
     too_small = {"file": exported / "group0" / "0.mp4", "frame": 2, "expected": 10**6}
