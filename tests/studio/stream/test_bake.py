@@ -2,10 +2,11 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from tests.studio.stream.conftest import clouds
+from tests.studio.stream.conftest import MakeLadder, clouds
 from tests.support.errors import refuses
 from tests.support.streams import contents
 from v3studio.studio.errors import Cancelled, StudioError
@@ -16,7 +17,9 @@ PLANES = BakeSettings(profile="planes")
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_a_cancelled_bake_and_a_failed_one_leave_what_was_there(tmp_path, profile, monkeypatch):
+def test_a_cancelled_bake_and_a_failed_one_leave_what_was_there(
+    tmp_path: Path, profile: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     settings = BakeSettings(profile=profile)
     write_manifest(tmp_path, [bake_group(clouds(3, 100), tmp_path, 0, 0, settings)], 30, settings)
     before = contents(tmp_path)
@@ -42,7 +45,7 @@ def test_a_cancelled_bake_and_a_failed_one_leave_what_was_there(tmp_path, profil
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_bad_frames_are_refused(tmp_path, profile):
+def test_bad_frames_are_refused(tmp_path: Path, profile: str) -> None:
     frames, settings = clouds(3, 100), BakeSettings(profile=profile)
     with refuses("bake.no_frames", group=0):
         bake_group([], tmp_path, 0, 0, settings)
@@ -61,13 +64,13 @@ def test_bad_frames_are_refused(tmp_path, profile):
         bake_group([first, replace(second, dilation=0.1)], tmp_path, 0, 0, settings)
 
 
-def test_folder_that_cannot_be_made(tmp_path):
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     with refuses("bake.write_failed", file=tmp_path / "file" / "group_000"):
         bake_group(clouds(1, 50), tmp_path / "file", 0, 0, PLANES)
 
 
-def test_groups_must_follow_each_other(tmp_path):
+def test_groups_must_follow_each_other(tmp_path: Path) -> None:
     one = bake_group(clouds(2, 50), tmp_path, 0, 0, PLANES)
     two = bake_group(clouds(2, 50), tmp_path, 1, 3, PLANES)  # a gap
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json"):
@@ -83,7 +86,7 @@ def test_groups_must_follow_each_other(tmp_path):
         write_manifest(tmp_path, [one], 30, PLANES)
 
 
-def test_a_power_cut_leaves_no_manifest_of_lost_files(make_ladder, monkeypatch):
+def test_a_power_cut_leaves_no_manifest_of_lost_files(make_ladder: MakeLadder, monkeypatch: pytest.MonkeyPatch) -> None:
     """All that a manifest names, and the manifest, is on the disk before the manifest has its name."""
     synced, at_the_name = set(), {}
     fsync, replace = os.fsync, os.replace

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.studio.stream.conftest import turned_bodies
+from tests.studio.stream.conftest import FindStream, turned_bodies
 from tests.support.errors import refuses
 from tests.support.splats import assert_drawable
 from tests.support.streams import best_of, damage, edit_manifest, group_files, only, put_file, set_at
@@ -54,7 +54,7 @@ CODES = {
 
 
 @pytest.mark.parametrize(("kind", "name"), [("motion", "side"), ("motion", "video"), ("planes", "opacity")])
-def test_damaged_files_leave_the_other_group(copy_of, tmp_path, kind, name):
+def test_damaged_files_leave_the_other_group(copy_of: FindStream, tmp_path: Path, kind: str, name: str) -> None:
     stream = copy_of(kind)
     file = file_of(stream, 1, name)
     kept = file.read_bytes()
@@ -81,7 +81,7 @@ def test_damaged_files_leave_the_other_group(copy_of, tmp_path, kind, name):
 
 
 @pytest.mark.parametrize("kind", ["motion", "planes"])
-def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, kind):
+def test_videos_that_are_not_those_of_the_manifest(copy_of: FindStream, tmp_path: Path, kind: str) -> None:
     stream = copy_of(kind)
     name, degree = ("video", 1) if kind == "motion" else ("opacity", 0)
     chosen = BakeSettings(profile=kind, quality=24 if kind == "motion" else 0, preset="ultrafast")
@@ -105,7 +105,7 @@ def test_videos_that_are_not_those_of_the_manifest(copy_of, tmp_path, kind):
             list(reader.iterate(4))
 
 
-def test_a_decoder_that_is_not_exact_is_found(copy_of):
+def test_a_decoder_that_is_not_exact_is_found(copy_of: FindStream) -> None:
     stream = copy_of("ladder")
     edit_manifest(stream, set_at((*FIRST, "video", "checks", 1, "crc32"), 1))
     with StreamReader.open(stream) as reader:
@@ -116,14 +116,14 @@ def test_a_decoder_that_is_not_exact_is_found(copy_of):
         assert len(list(reader.iterate(0, 3))) == 3
 
 
-def test_a_bomb_is_not_unpacked(copy_of):
+def test_a_bomb_is_not_unpacked(copy_of: FindStream) -> None:
     stream = copy_of("motion")
     file = replaced(stream, 0, "side", deflate([bytes(20_000_000)]))
     with StreamReader.open(stream) as reader, refuses("stream.side_file_damaged", file=file):
         reader.gaussians(0)
 
 
-def test_motion_without_bounds_is_refused(copy_of):
+def test_motion_without_bounds_is_refused(copy_of: FindStream) -> None:
     """Motion that exceeds all bounds is detected when the group is opened."""
     stream = copy_of("motion")
     edit_manifest(stream, set_at((*FIRST, "blocks", "step"), 1e9))
@@ -159,7 +159,7 @@ PLACES = (
 )
 
 
-def test_all_that_is_rendered_is_finite(copy_of):
+def test_all_that_is_rendered_is_finite(copy_of: FindStream) -> None:
     """An extreme number at any place of a group is refused, or all frames have finite centers, scales and rotations."""
     stream = copy_of("motion")
     path = stream / "manifest.json"

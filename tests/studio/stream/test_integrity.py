@@ -1,7 +1,10 @@
 """Every damaged file of a stream is found and named, whatever the stream is kept in."""
 
+from pathlib import Path
+
 import pytest
 
+from tests.studio.stream.conftest import MakeLadder
 from tests.support.streams import flip
 from v3studio.pipelines.cli import execute
 from v3studio.studio.stream import StreamReader, check_stream
@@ -9,7 +12,7 @@ from v3studio.studio.stream.write_archive import write_archive
 
 
 @pytest.fixture
-def ladder(make_ladder):
+def ladder(make_ladder: MakeLadder) -> Path:
     """Three renditions, and the second and third group in a page of the index."""
     return make_ladder((2, 2, 1), splats=60, paged=True)
 
@@ -19,7 +22,7 @@ def checked(place):
         return check_stream(reader)
 
 
-def test_a_stream_as_it_was_written_is_whole(ladder, tmp_path):
+def test_a_stream_as_it_was_written_is_whole(ladder: Path, tmp_path: Path) -> None:
     files = [path for path in ladder.rglob("*") if path.is_file()]
     found = checked(ladder)
     assert (found.files, found.damage) == (len(files), ())
@@ -29,7 +32,7 @@ def test_a_stream_as_it_was_written_is_whole(ladder, tmp_path):
     assert checked(tmp_path / "one.v3s") == found
 
 
-def test_each_file_is_named_once_with_the_groups_that_need_it(ladder):
+def test_each_file_is_named_once_with_the_groups_that_need_it(ladder: Path) -> None:
     with StreamReader.open(ladder) as reader:
         pages = {page.path for page in reader.index.manifest.pages}
         users = {}
@@ -50,7 +53,9 @@ def test_each_file_is_named_once_with_the_groups_that_need_it(ladder):
         flip(ladder / path)
 
 
-def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(ladder, tmp_path, capsys):
+def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(
+    ladder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with StreamReader.open(ladder) as reader:
         write_archive(reader, tmp_path / "one.v3s")
     assert execute(["check", str(ladder)]) == 0

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import zlib
+from pathlib import Path
 from unittest.mock import patch
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.studio.stream.conftest import turned_bodies
+from tests.studio.stream.conftest import MakeLadder, turned_bodies
 from tests.support.errors import refuses
 from tests.support.streams import best_of, contents, only
 from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, check_stream
@@ -23,7 +24,7 @@ def manifest_of(folder):
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_every_rendition_has_all_frames(make_ladder, profile):
+def test_every_rendition_has_all_frames(make_ladder: MakeLadder, profile: str) -> None:
     folder = make_ladder((4, 3), profile=profile)
     with StreamReader.open(folder) as reader:
         assert [one.id for one in reader.manifest.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
@@ -47,7 +48,7 @@ def test_every_rendition_has_all_frames(make_ladder, profile):
         assert phone.sh.shape[1] == 1
 
 
-def test_fewer_splats_need_to_know_what_they_contribute(tmp_path):
+def test_fewer_splats_need_to_know_what_they_contribute(tmp_path: Path) -> None:
     settings = BakeSettings(ladder=(Rung(qp=20, splats=0.5, finetune_iterations=0),))
     with refuses("bake.no_contribution", group=0):
         bake_group(turned_bodies(2, 80), tmp_path, 0, 0, settings)
@@ -56,7 +57,7 @@ def test_fewer_splats_need_to_know_what_they_contribute(tmp_path):
     assert contents(tmp_path) == {}
 
 
-def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path):
+def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path: Path) -> None:
     settings = BakeSettings(ladder=(Rung(qp=20), Rung(qp=10, splats=0.5, sh_degree=0)))
     frames = turned_bodies(2, 80)
     with refuses("bake.no_finetuning", group=0):
@@ -72,7 +73,7 @@ def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path):
     assert [(one.splats, one.pruning) for one in entry.renditions] == [(80, "none"), (30, "fine-tuned")]
 
 
-def test_files_are_named_by_their_content(make_ladder):
+def test_files_are_named_by_their_content(make_ladder: MakeLadder) -> None:
     files = contents(make_ladder())
     assert json.loads(files["manifest.json"])["total_bytes"] == sum(map(len, files.values()))
     del files["manifest.json"]
@@ -80,7 +81,7 @@ def test_files_are_named_by_their_content(make_ladder):
         assert name.startswith(f"files/{hashlib.sha256(data).hexdigest()[:32]}.")
 
 
-def test_baking_again_changes_only_what_changed(make_ladder):
+def test_baking_again_changes_only_what_changed(make_ladder: MakeLadder) -> None:
     folder = make_ladder()
     before = contents(folder).keys()
     make_ladder(ladder=(Rung(qp=24), Rung(qp=30)))
@@ -94,7 +95,7 @@ def test_baking_again_changes_only_what_changed(make_ladder):
         assert not check_stream(reader).damage
 
 
-def test_checks_are_of_what_another_decoder_sees(make_ladder):
+def test_checks_are_of_what_another_decoder_sees(make_ladder: MakeLadder) -> None:
     """OpenCV's luma and zlib's CRC-32."""
     folder = make_ladder((5, 1))
     for group in manifest_of(folder)["groups"]:
@@ -109,7 +110,7 @@ def test_checks_are_of_what_another_decoder_sees(make_ladder):
                 assert zlib.crc32(lumas[check["picture"]].tobytes()) == check["crc32"]
 
 
-def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path):
+def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path: Path) -> None:
     def video(fps):
         settings = BakeSettings(quality=24)
         folder = tmp_path / f"{fps}"
@@ -127,7 +128,7 @@ def test_level_is_that_of_the_rate_and_range_is_in_a_box(tmp_path):
     assert slow[at + 4 : at + 15] == b"nclx" + bytes([0, 1, 0, 1, 0, 1, 0x80])
 
 
-def test_a_long_stream_starts_without_its_pages(make_ladder, monkeypatch):
+def test_a_long_stream_starts_without_its_pages(make_ladder: MakeLadder, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(manifest_writer, "PAGE_BYTES", 1)  # every group after the first one in a page of its own
     folder = make_ladder((2,) * 6, paged=True)
     manifest = manifest_of(folder)

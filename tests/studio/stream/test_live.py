@@ -1,5 +1,9 @@
 """Live streams: the manifest grows, and a reader follows."""
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import pytest
 import torch
 
@@ -12,7 +16,7 @@ LADDER = (Rung(qp=24), Rung(qp=34))
 
 
 @pytest.fixture
-def publish(tmp_path):
+def publish(tmp_path: Path) -> Callable[..., Path]:
     """`publish(groups, live, ...)`: bake the first groups of two frames each, and write the manifest."""
 
     def write(groups, live=True, fps=25, ladder=LADDER):
@@ -22,7 +26,7 @@ def publish(tmp_path):
     return write
 
 
-def test_a_reader_follows(publish, monkeypatch):
+def test_a_reader_follows(publish: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     folder = publish(1)
     monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # later groups are in pages
     with only(StreamReader.open(folder), "qp34") as reader:
@@ -49,7 +53,9 @@ def test_a_reader_follows(publish, monkeypatch):
         ({"groups": 3, "ladder": (Rung(qp=24),)}, "renditions"),
     ],
 )
-def test_a_manifest_that_takes_something_back_is_refused(publish, change, what):
+def test_a_manifest_that_takes_something_back_is_refused(
+    publish: Callable[..., Path], change: dict[str, Any], what: str
+) -> None:
     folder = publish(2)
     with StreamReader.open(folder) as reader:
         publish(**change)

@@ -4,7 +4,9 @@ import functools
 import json
 import random
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -12,6 +14,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from tests.studio.formats.test_damage import at_most
+from tests.studio.stream.conftest import FindStream
 from tests.support.errors import refuses
 from tests.support.hostile_streams import changed_manifest
 from tests.support.streams import edit_manifest, put_file, set_at, write_sealed
@@ -23,13 +26,13 @@ ROOT = Path(__file__).parents[3]
 SCHEMA = ROOT / "docs" / "stream.schema.json"
 
 
-def test_the_published_schema_is_the_programs():
+def test_the_published_schema_is_the_programs() -> None:
     """After a change: write `manifest_schema()` to docs/stream.schema.json, indent 1, and describe it in STREAM.md."""
     assert json.loads(SCHEMA.read_text()) == manifest_schema()
 
 
 @pytest.mark.parametrize("kind", ["planes", "ladder"])
-def test_a_written_manifest_has_the_keys_of_the_schema(intact, kind):
+def test_a_written_manifest_has_the_keys_of_the_schema(intact: FindStream, kind: str) -> None:
     definitions = json.loads(SCHEMA.read_text())["$defs"]
     values = json.loads((intact(kind) / "manifest.json").read_text())
     group = values["groups"][0]
@@ -177,7 +180,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("kind", DAMAGE)
-def test_damaged_manifests_are_refused(copy_of, kind):
+def test_damaged_manifests_are_refused(copy_of: FindStream, kind: str) -> None:
     stream = copy_of(kind)
     path = stream / "manifest.json"
     original = path.read_bytes()
@@ -202,7 +205,7 @@ def test_damaged_manifests_are_refused(copy_of, kind):
         assert "\n" not in text
 
 
-def test_additions_and_the_least_radius_are_no_damage(copy_of):
+def test_additions_and_the_least_radius_are_no_damage(copy_of: FindStream) -> None:
     stream = copy_of("motion")
     edit_manifest(stream, lambda values: values.update(later_addition={"x": 1}))
     step = 2.0**-10
@@ -234,7 +237,9 @@ def replace_page(folder, change):
         (set_at(("groups", 0, "renditions", 0, "sh_degree"), 2), "channels"),
     ],
 )
-def test_pages_that_contradict_the_manifest(copy_of, change, rule):
+def test_pages_that_contradict_the_manifest(
+    copy_of: FindStream, change: Callable[[dict[str, Any]], object], rule: str
+) -> None:
     stream = copy_of("ladder")
 
     def changed(data):
@@ -249,7 +254,7 @@ def test_pages_that_contradict_the_manifest(copy_of, change, rule):
             reader.gaussians(3)
 
 
-def test_pages_that_are_damaged_or_missing(copy_of):
+def test_pages_that_are_damaged_or_missing(copy_of: FindStream) -> None:
     stream = copy_of("ladder")
     path = stream / json.loads((stream / "manifest.json").read_bytes())["pages"][0]["path"]
     data = path.read_bytes()
@@ -264,7 +269,7 @@ def test_pages_that_are_damaged_or_missing(copy_of):
         reader.gaussians(3)
 
 
-def test_a_total_that_is_wrong_is_found_by_verifying(copy_of):
+def test_a_total_that_is_wrong_is_found_by_verifying(copy_of: FindStream) -> None:
     stream = copy_of("ladder")
     edit_manifest(stream, lambda values: None)  # its total leaves out what is in the page
     with StreamReader.open(stream) as reader:
@@ -276,7 +281,7 @@ def test_a_total_that_is_wrong_is_found_by_verifying(copy_of):
 @pytest.mark.parametrize(
     "data", [b"", b"{", b"null", b"[]", b"\xff\xfe\x00", b'{"format": "v3studio-stream"}', b"[" * 99999]
 )
-def test_what_is_no_manifest(data):
+def test_what_is_no_manifest(data: bytes) -> None:
     with pytest.raises(StudioError) as caught:
         parse_manifest(data, "m")
     assert caught.value.code in ("manifest.not_json", "manifest.wrong_format", "manifest.wrong_version")
@@ -284,7 +289,9 @@ def test_what_is_no_manifest(data):
 
 
 @pytest.mark.parametrize("text", [b"[],", b"1,", b'{"a":1},'])
-def test_60_megabytes_of_small_values_are_refused_before_they_are_parsed(text, monkeypatch):
+def test_60_megabytes_of_small_values_are_refused_before_they_are_parsed(
+    text: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """They would take gigabytes."""
     data, parsed = b'{"groups": [' + text * (60_000_000 // len(text)) + b"0]}", []
     monkeypatch.setattr(json, "loads", lambda *_, **__: parsed.append(1))
@@ -293,7 +300,7 @@ def test_60_megabytes_of_small_values_are_refused_before_they_are_parsed(text, m
     assert parsed == []
 
 
-def test_every_flipped_byte_of_the_manifest_is_noticed(intact):
+def test_every_flipped_byte_of_the_manifest_is_noticed(intact: FindStream) -> None:
     data = (intact("motion") / "manifest.json").read_bytes()
     for position in range(0, len(data), 37):
         broken = bytearray(data)
@@ -304,7 +311,9 @@ def test_every_flipped_byte_of_the_manifest_is_noticed(intact):
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32), place=st.sampled_from(["planes", "ladder", "page"]), signed=st.booleans())
-def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(copy_of, tmp_path, number, place, signed):
+def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(
+    copy_of: FindStream, tmp_path: Path, number: int, place: str, signed: bool
+) -> None:
     """With and without a valid checksum: a StudioError, or frames and sound."""
     kind = "planes" if place == "planes" else "ladder"
     stream = tmp_path / kind if (tmp_path / kind).exists() else copy_of(kind)
@@ -334,7 +343,7 @@ def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(copy_of, tmp_path, n
     assert message is None or len(message) < 1000
 
 
-def test_rotations_of_nothing_are_not_seen(copy_of):
+def test_rotations_of_nothing_are_not_seen(copy_of: FindStream) -> None:
     """All four numbers of the quaternions are 0: they describe no rotation."""
     stream = copy_of("planes")
 

@@ -17,7 +17,7 @@ def two_bodies(splats=2000, frames=5):
     return np.array(paths), second
 
 
-def test_bodies_that_pass_through_each_other_are_told_apart():
+def test_bodies_that_pass_through_each_other_are_told_apart() -> None:
     paths, second = two_bodies()
     labels = find_blocks(paths, step=1e-4)
     assert set(labels) == set(range(labels.max() + 1))
@@ -28,7 +28,7 @@ def test_bodies_that_pass_through_each_other_are_told_apart():
     assert strangers < 0.06 * len(labels)  # blocks of neighbors would hold half of each body
 
 
-def test_fit_finds_the_affine_motion_past_outliers():
+def test_fit_finds_the_affine_motion_past_outliers() -> None:
     generator = np.random.default_rng(2)
     cells = generator.integers(0, 1000, (600, 3))
     labels = np.repeat([0, 1, 2], 200)

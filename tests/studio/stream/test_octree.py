@@ -14,7 +14,7 @@ CELLS = st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=60)
 
 @settings(max_examples=60, deadline=None)
 @given(cells=CELLS, copies=st.integers(1, 300))
-def test_octree_gives_the_codes_back(cells, copies):
+def test_octree_gives_the_codes_back(cells: list[tuple[int, int, int]], copies: int) -> None:
     codes = np.sort(np.repeat(interleave(np.array(cells)), copies))
     data = b"".join(encode_octree(codes, 8))
     cursor = Cursor(np.frombuffer(data, np.uint8))
@@ -36,7 +36,7 @@ def test_octree_as_described() -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(data=st.binary(max_size=80), bits=st.integers(1, 16), splats=st.integers(1, 50))
-def test_any_bytes_as_an_octree_end(data, bits, splats):
+def test_any_bytes_as_an_octree_end(data: bytes, bits: int, splats: int) -> None:
     try:
         codes = decode_octree(Cursor(np.frombuffer(data, np.uint8)), bits, splats)
     except ValueError:
@@ -45,7 +45,7 @@ def test_any_bytes_as_an_octree_end(data, bits, splats):
     assert (np.diff(codes.astype(np.int64)) >= 0).all()
 
 
-def test_inflate_stops_at_the_promised_size():
+def test_inflate_stops_at_the_promised_size() -> None:
     bomb = deflate([bytes(2_000_000)])
     with at_most(100_000), pytest.raises(ValueError, match="1000 bytes"):
         inflate(bomb, 1000)
@@ -59,7 +59,7 @@ def test_inflate_stops_at_the_promised_size():
 
 
 @pytest.mark.parametrize("side", [16, 48])
-def test_square_scan_is_a_z_curve_over_all_pixels(side):
+def test_square_scan_is_a_z_curve_over_all_pixels(side: int) -> None:
     scan = square_scan(side, side * side)
     assert np.array_equal(np.sort(scan), np.arange(side * side))
     rows, columns = np.divmod(scan, side)

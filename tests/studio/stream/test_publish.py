@@ -1,15 +1,19 @@
 """Publishing: what is missing, the manifest last."""
 
+from pathlib import Path
+
 import pytest
 
+from tests.studio.stream.conftest import MakeLadder
 from tests.support.errors import refuses
+from tests.support.object_store import ObjectStore
 from tests.support.streams import contents
 from v3studio.studio.errors import Cancelled
 from v3studio.studio.stream import Rung, StreamReader, check_stream
 from v3studio.studio.stream.publish import publish
 
 
-def test_what_is_there_is_not_copied_again(make_ladder, tmp_path):
+def test_what_is_there_is_not_copied_again(make_ladder: MakeLadder, tmp_path: Path) -> None:
     """With the sound."""
     folder, target = make_ladder((2, 2), splats=60, clicks=[0.05]), tmp_path / "web" / "stream"
     with StreamReader.open(folder) as reader:
@@ -28,7 +32,7 @@ def test_what_is_there_is_not_copied_again(make_ladder, tmp_path):
         assert [one.id for one in reader.manifest.renditions] == ["qp24", "qp38"]
 
 
-def test_the_manifest_is_last(make_ladder, tmp_path):
+def test_the_manifest_is_last(make_ladder: MakeLadder, tmp_path: Path) -> None:
     folder = make_ladder((2, 2), splats=60)
 
     def stop(done, total, **figures):
@@ -40,7 +44,7 @@ def test_the_manifest_is_last(make_ladder, tmp_path):
     assert not (tmp_path / "web" / "manifest.json").exists()
 
 
-def test_a_damaged_file_is_not_published(make_ladder, tmp_path):
+def test_a_damaged_file_is_not_published(make_ladder: MakeLadder, tmp_path: Path) -> None:
     folder = make_ladder((2,), splats=60)
     with StreamReader.open(folder) as reader:
         path = reader.groups[0].files[1].path
@@ -50,7 +54,7 @@ def test_a_damaged_file_is_not_published(make_ladder, tmp_path):
     assert not (tmp_path / "web" / "manifest.json").exists()
 
 
-def test_to_a_store(make_ladder, object_store):
+def test_to_a_store(make_ladder: MakeLadder, object_store: ObjectStore) -> None:
     """S3 serves a file with the type and the caching that it was written with."""
     folder, client = make_ladder((2,), splats=60), object_store.client
     with StreamReader.open(folder) as reader:
@@ -66,7 +70,7 @@ def test_to_a_store(make_ladder, object_store):
     assert first.copied == len(found) - 1
 
 
-def test_what_cannot_be_published(make_ladder, object_store, tmp_path):
+def test_what_cannot_be_published(make_ladder: MakeLadder, object_store: ObjectStore, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     with StreamReader.open(make_ladder((1,), splats=40, name="three")) as reader:
         for target, code in {
@@ -78,7 +82,7 @@ def test_what_cannot_be_published(make_ladder, object_store, tmp_path):
                 publish(reader, target)
 
 
-def test_only_s3_is_given_headers(make_ladder, monkeypatch):
+def test_only_s3_is_given_headers(make_ladder: MakeLadder, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other stores refuse such options."""
     given = {}
 

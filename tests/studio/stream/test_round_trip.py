@@ -13,7 +13,7 @@ import torch
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from tests.studio.stream.conftest import clouds, turned_bodies
+from tests.studio.stream.conftest import FindStream, clouds, turned_bodies
 from tests.support.errors import refuses
 from tests.support.performer import attribute_errors, performer
 from tests.support.splats import same_splats
@@ -101,7 +101,7 @@ def expect_close_motion(original: Gaussians, decoded: Gaussians, entry, keyframe
     [(1, 70, 0), (2, 63, 1), (21, 65, 0), (3, 1, 0), (2, 257, 3), (2, 64, 2), (3, 2000, 0)],
 )
 @pytest.mark.parametrize("profile", PROFILES)
-def test_lossless_frames_come_back(tmp_path, profile, frames, splats, degree):
+def test_lossless_frames_come_back(tmp_path: Path, profile: str, frames: int, splats: int, degree: int) -> None:
     originals = clouds(frames, splats, degree)
     entry, decoded = bake(tmp_path, originals, quality=0, profile=profile)
     assert len(decoded) == frames
@@ -137,7 +137,7 @@ def test_attributes_are_found_by_name(
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_same_input_gives_the_same_bytes(tmp_path, profile):
+def test_same_input_gives_the_same_bytes(tmp_path: Path, profile: str) -> None:
     """Whatever the number of threads, the order of the splats, and what is there already; from an iterator as well."""
     frames = clouds(4, 300)
     shuffle = torch.randperm(300, generator=torch.Generator().manual_seed(1))
@@ -149,7 +149,7 @@ def test_same_input_gives_the_same_bytes(tmp_path, profile):
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_any_order_and_many_threads_give_the_same_frames(intact, profile):
+def test_any_order_and_many_threads_give_the_same_frames(intact: FindStream, profile: str) -> None:
     with StreamReader.open(intact(profile)) as reader:
         in_order = list(reader.iterate())
         assert len(in_order) == 7
@@ -166,7 +166,7 @@ def test_any_order_and_many_threads_give_the_same_frames(intact, profile):
                 reader.gaussians(index)
 
 
-def test_folders_without_a_stream(tmp_path):
+def test_folders_without_a_stream(tmp_path: Path) -> None:
     with refuses("source.not_found", file=tmp_path / "nothing"):
         StreamReader.open(tmp_path / "nothing")
     with refuses("source.file_missing", file=tmp_path / "manifest.json"):
@@ -174,7 +174,7 @@ def test_folders_without_a_stream(tmp_path):
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_frames_are_decoded_with_the_dilation_of_their_group(tmp_path, profile):
+def test_frames_are_decoded_with_the_dilation_of_their_group(tmp_path: Path, profile: str) -> None:
     """As in a take of which only a part was trained again."""
     settings, entries = BakeSettings(profile=profile, preset="ultrafast"), []
     for group, dilation in enumerate((0.1, 0.3, 1.0)):
@@ -185,7 +185,7 @@ def test_frames_are_decoded_with_the_dilation_of_their_group(tmp_path, profile):
         assert [frame.dilation for frame in reader.iterate()] == [0.1, 0.1, 0.3, 0.3, 1.0, 1.0]
 
 
-def test_quaternion_signs_are_continuous(tmp_path):
+def test_quaternion_signs_are_continuous(tmp_path: Path) -> None:
     frames = clouds(6, 300)  # their signs flip every frame
     _, decoded = bake(tmp_path, frames, profile="planes", quality=0)
     assert (decoded[0].quats[:, 0] >= -0.01).all()
@@ -194,7 +194,7 @@ def test_quaternion_signs_are_continuous(tmp_path):
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, mirror):
+def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path: Path, mirror: bool) -> None:
     frames = clouds(4, 1000)
     entry, found_frames = bake(tmp_path, frames, profile="planes", quality=45, mirror_low_bytes=mirror)
     order = torch.from_numpy(morton_order(frames[0].means.numpy()))
@@ -211,7 +211,7 @@ def test_high_bytes_are_lossless_and_low_errors_do_not_carry(tmp_path, mirror):
 
 
 @pytest.mark.parametrize("frames", [1, 4])
-def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, frames):
+def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path: Path, frames: int) -> None:
     """A single odd color among 1,000 is an escape, however few values the channel has; it stays what it is."""
     odd_color = torch.tensor([60.0, 40.0, -50.0])
     plain = [replace(frame, sh=frame.sh.clamp(-0.8, 0.8)) for frame in turned_bodies(frames, 1000)]
@@ -231,7 +231,7 @@ def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path, frames):
 
 
 @pytest.mark.parametrize("qp", [5, 25, 45])
-def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path, qp):
+def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path: Path, qp: int) -> None:
     frames = clouds(2, 300)
     entry, decoded = bake(tmp_path, frames, quality=qp)
     index = matches(frames[0], decoded[0])
@@ -241,7 +241,7 @@ def test_keyframe_positions_are_stored_without_loss_at_any_qp(tmp_path, qp):
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_codecs(tmp_path, codec):
+def test_codecs(tmp_path: Path, codec: str) -> None:
     import av
 
     frames = turned_bodies(5, 1000)
@@ -270,7 +270,7 @@ STEPS = {"opacity": 0.0096, "y": 0.0069, "co": 0.0072, "cg": 0.0072}
 SHAPE_STEPS = dict.fromkeys(("xx", "yy", "zz"), 0.011) | dict.fromkeys(("xy", "xz", "yz"), 0.008)
 
 
-def test_steps_and_errors_are_the_documented_ones(tmp_path) -> None:
+def test_steps_and_errors_are_the_documented_ones(tmp_path: Path) -> None:
     """As absolute figures, not in the steps that the stream itself declares. Limits of errors are a tenth to a seventh
     above what was measured: 0.00061, 0.021, 0.018 and 0.075."""
     frames = performer(4)
@@ -296,7 +296,7 @@ def test_steps_and_errors_are_the_documented_ones(tmp_path) -> None:
         ("sh", {f"sh_{k}_{part}" for k in range(4) for part in ("y", "co", "cg")}),
     ],
 )
-def test_the_qp_of_an_attribute_acts_on_its_channels_only(tmp_path, attribute: str, channels: set[str]) -> None:
+def test_the_qp_of_an_attribute_acts_on_its_channels_only(tmp_path: Path, attribute: str, channels: set[str]) -> None:
     """6 QPs more double the step."""
     frames = performer(1, 200)
     plain, _ = bake(tmp_path / "plain", frames, quality=20)

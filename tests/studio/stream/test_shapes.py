@@ -29,7 +29,7 @@ def covariances(rotations, scales):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_axes_of_shapes_are_those_they_were_made_from(dtype):
+def test_axes_of_shapes_are_those_they_were_made_from(dtype: type[np.floating]) -> None:
     rotations, scales = some(3000)
     quats, log_scales = shape_axes(shapes_of(rotations.as_quat(scalar_first=True), scales).astype(dtype))
     assert quats.dtype == log_scales.dtype == dtype
@@ -40,7 +40,7 @@ def test_axes_of_shapes_are_those_they_were_made_from(dtype):
     assert (np.abs(found - wanted) / size).max() < 2e-5
 
 
-def test_any_symmetric_matrix_has_axes():
+def test_any_symmetric_matrix_has_axes() -> None:
     """Those with negative eigenvalues, too, which quantization may cause: a scale is the square of one."""
     shapes = np.random.default_rng(1).normal(size=(6, 500)).astype(np.float32)
     shapes[:, 0] = 0

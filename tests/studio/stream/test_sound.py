@@ -1,10 +1,12 @@
 """Sound in a stream: in the manifest, read back at any place, carried by what carries the stream."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.studio.stream.conftest import FindStream, MakeLadder
 from tests.support.errors import refuses
 from tests.support.sounds import click_times
 from tests.support.streams import put_file, write_sealed
@@ -14,12 +16,12 @@ CLICKS = [0.2, 0.7, 1.1]
 
 
 @pytest.fixture
-def stream(make_ladder):
+def stream(make_ladder: MakeLadder) -> Path:
     """30 frames at 25 fps with clicks in frames 5, 17 and 27."""
     return make_ladder((15, 15), splats=30, degree=0, ladder=(), quality=34, clicks=CLICKS)
 
 
-def test_sound_in_the_manifest_and_decoded(stream):
+def test_sound_in_the_manifest_and_decoded(stream: Path) -> None:
     with StreamReader.open(stream) as reader:
         entry = reader.manifest.audio
         assert (entry.codec, entry.sample_rate, entry.channels, entry.start) == ("aac", 48_000, 2, 0)
@@ -44,7 +46,7 @@ def test_sound_in_the_manifest_and_decoded(stream):
         sound.close()
 
 
-def test_what_is_not_the_sound_of_the_manifest(stream):
+def test_what_is_not_the_sound_of_the_manifest(stream: Path) -> None:
     path = stream / "manifest.json"
     kept = json.loads(path.read_bytes())
     for change in ({"sample_rate": 96_000}, {"channels": 1}):
@@ -63,7 +65,7 @@ def test_what_is_not_the_sound_of_the_manifest(stream):
         sound.read(60_000, 2000)
 
 
-def test_damaged_files_are_found(stream):
+def test_damaged_files_are_found(stream: Path) -> None:
     with StreamReader.open(stream) as reader:
         file = stream / reader.manifest.audio.path
         file.write_bytes(bytes(file.read_bytes()[:-1]) + b"x")
@@ -74,7 +76,7 @@ def test_damaged_files_are_found(stream):
         assert (found.file, found.groups) == (reader.manifest.audio.path, ())
 
 
-def test_streams_without_sound(intact):
+def test_streams_without_sound(intact: FindStream) -> None:
     with StreamReader.open(intact("motion")) as reader:
         assert reader.manifest.audio is None
         assert reader.sound() is None

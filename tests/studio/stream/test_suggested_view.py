@@ -32,7 +32,7 @@ def edges(view):
 
 
 @pytest.mark.parametrize("size", [(640, 360), (360, 640)])
-def test_the_box_fills_the_picture_from_the_cameras_place(size):
+def test_the_box_fills_the_picture_from_the_cameras_place(size: tuple[int, int]) -> None:
     given = camera((3.0, -1.0, 1.2), size=size)
     view = suggested_view(given, LOW, HIGH, UP)
     np.testing.assert_allclose(view.center, given.center, atol=1e-9)
@@ -44,18 +44,18 @@ def test_the_box_fills_the_picture_from_the_cameras_place(size):
 
 
 @pytest.mark.parametrize("eye", [(0.1, 0.0, 0.9), (0.1, 0.05, 5.0)])
-def test_inside_or_above_it_is_the_camera_itself(eye):
+def test_inside_or_above_it_is_the_camera_itself(eye: tuple[float, float, float]) -> None:
     given = camera(eye, target=(0.3, 0.2, 0.0))
     view = suggested_view(given, LOW, HIGH, UP)
     np.testing.assert_array_equal(view.world_to_camera, given.world_to_camera)
     assert len(view.distortion) == 0
 
 
-def test_where_nothing_can_be_seen_there_is_no_box():
+def test_where_nothing_can_be_seen_there_is_no_box() -> None:
     assert seen_box([round_splats(torch.zeros(5, 3), opacity=0.001)]) is None
 
 
-def test_a_view_from_the_ceiling_is_lowered_to_eye_level():
+def test_a_view_from_the_ceiling_is_lowered_to_eye_level() -> None:
     level = suggested_view(camera((3.0, -1.0, 1.2)), LOW, HIGH, UP)
     assert eye_level_view(level, LOW, HIGH, UP) is level
     high = suggested_view(camera((3.0, -1.0, 4.0)), LOW, HIGH, UP)

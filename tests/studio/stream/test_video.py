@@ -1,5 +1,8 @@
 """B-frames: the order in the file, the order that decoders return, and where they are allowed."""
 
+from pathlib import Path
+from typing import Any
+
 import av
 import cv2
 import numpy as np
@@ -21,7 +24,7 @@ def pictures(count):
 
 
 @pytest.mark.parametrize("b_frames", [1, 2, 3, 7])
-def test_opencv_returns_the_same_in_the_same_order(tmp_path, b_frames):
+def test_opencv_returns_the_same_in_the_same_order(tmp_path: Path, b_frames: int) -> None:
     path = tmp_path / "a.mp4"
     encoder = PlaneEncoder(path, SIZE, 24, "veryfast", tiles="h264", b_frames=b_frames)
     for plane in pictures(11):
@@ -53,7 +56,7 @@ SHORT = ([1], [1, 2], [1, 3, 2])
         *(({"codec": codec}, types) for codec in ("h264", "hevc") for types in SHORT),
     ],
 )
-def test_how_many_there_are(tmp_path, settings, types):
+def test_how_many_there_are(tmp_path: Path, settings: dict[str, Any], types: list[int]) -> None:
     chosen = BakeSettings(**{"preset": "veryfast", "quality": 24, **settings})
     entry = bake_group(turned_bodies(len(types), splats=60), tmp_path, 0, 0, chosen)
     with av.open(str(tmp_path / entry.best.video.path)) as container:

@@ -33,7 +33,7 @@ def minimum(path, strength, keep_first):
 
 @pytest.mark.parametrize("keep_first", [True, False])
 @pytest.mark.parametrize("strength", [0.2, 5.0, 100.0])
-def test_a_path_is_the_minimum(monkeypatch, strength, keep_first):
+def test_a_path_is_the_minimum(monkeypatch: pytest.MonkeyPatch, strength: float, keep_first: bool) -> None:
     monkeypatch.setattr(paths_module, "STRENGTHS", (strength,))
     paths = noise(9, 4, 3)
     found = smooth_paths(paths, 1.0, keep_first)
@@ -41,7 +41,7 @@ def test_a_path_is_the_minimum(monkeypatch, strength, keep_first):
         assert np.abs(found[:, splat, axis] - minimum(paths[:, splat, axis], strength, keep_first)).max() < 1e-9
 
 
-def test_the_strength_is_the_most_likely_one():
+def test_the_strength_is_the_most_likely_one() -> None:
     """By the density of the second differences: those of white jitter added to white accelerations."""
     from scipy.stats import multivariate_normal  # takes a second, in every process that collects tests
 

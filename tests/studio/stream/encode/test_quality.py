@@ -15,7 +15,7 @@ from v3studio.studio.stream.settings import LEVELS
 
 @pytest.mark.parametrize("steepness", [0.25, 1.0, 4.0])
 @pytest.mark.parametrize("border", [0, 1, 15, 22, 23, 40, 51])
-def test_the_search_finds_the_last_qp_that_is_good_enough_in_few_calls(steepness, border):
+def test_the_search_finds_the_last_qp_that_is_good_enough_in_few_calls(steepness: float, border: int) -> None:
     calls = []
 
     def spare(qp):
@@ -35,7 +35,7 @@ def test_targets_out_of_reach_are_said(tmp_path: Path, quality: str, target: flo
     assert caught.value.value == pytest.approx(30) if qp == 1 else caught.value.value > 0.1
 
 
-def test_kilobytes(tmp_path):
+def test_kilobytes(tmp_path: Path) -> None:
     frames = turned_bodies(3, 400)
     rendered = []
 
@@ -57,7 +57,7 @@ def test_kilobytes(tmp_path):
 
 
 @pytest.mark.parametrize("level", [*LEVELS, "40.5 dB"])
-def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path, level):
+def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path: Path, level: str) -> None:
     """With opacities in place of images."""
     frames = turned_bodies(20, 400)
     wanted = [np.sort(frame.opacities.numpy()) for frame in frames]
@@ -82,7 +82,7 @@ def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path, level):
     assert baked(best.qp + 1)[0].psnr_to_trained < promised
 
 
-def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path):
+def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path: Path) -> None:
     frames = turned_bodies(6, 300)
     noise = np.random.default_rng(0)
     for frame in frames:
@@ -107,6 +107,6 @@ def test_a_group_that_smoothing_keeps_from_its_level_is_not_smoothed(tmp_path):
         baked(goal, smooth=True)
 
 
-def test_a_level_needs_images(tmp_path):
+def test_a_level_needs_images(tmp_path: Path) -> None:
     with refuses("bake.no_renderer", setting="bake.quality"):
         bake_group(turned_bodies(2, 100), tmp_path, 0, 0, BakeSettings(quality="good"))

@@ -1,9 +1,12 @@
 """One-file streams: written, read locally and by ranges, and refused where they are cut."""
 
 import zipfile
+from pathlib import Path
 
 import pytest
 
+from tests.studio.stream.conftest import FindStream
+from tests.studio.stream.sources.conftest import Server
 from tests.support.errors import refuses
 from tests.support.splats import same_splats
 from tests.support.streams import contents
@@ -13,7 +16,7 @@ from v3studio.studio.stream.write_archive import write_archive
 
 
 @pytest.fixture(scope="module")
-def archive(intact, tmp_path_factory):
+def archive(intact: FindStream, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A stream with a page of its index as one file, and its folder."""
     folder, file = intact("ladder"), tmp_path_factory.mktemp("archive") / "stream.v3s"
     with StreamReader.open(folder) as reader:
@@ -22,7 +25,7 @@ def archive(intact, tmp_path_factory):
     return file, folder
 
 
-def test_it_is_a_zip_archive_of_stored_files(archive):
+def test_it_is_a_zip_archive_of_stored_files(archive: tuple[Path, Path]) -> None:
     path, folder = archive
     with zipfile.ZipFile(path) as opened:
         assert opened.testzip() is None
@@ -31,7 +34,7 @@ def test_it_is_a_zip_archive_of_stored_files(archive):
         assert {name: opened.read(name) for name in opened.namelist()} == contents(folder)
 
 
-def test_local_and_by_ranges_it_is_the_same_stream(archive, server):
+def test_local_and_by_ranges_it_is_the_same_stream(archive: tuple[Path, Path], server: Server) -> None:
     path, folder = archive
     server.files["/s/stream.v3s"] = path.read_bytes()
     address = f"{server.url}/stream.v3s?token=x"
@@ -43,13 +46,13 @@ def test_local_and_by_ranges_it_is_the_same_stream(archive, server):
     assert all(wanted is not None and place.endswith("?token=x") for place, wanted in server.requests)
 
 
-def test_servers_without_ranges_are_refused(archive, server):
+def test_servers_without_ranges_are_refused(archive: tuple[Path, Path], server: Server) -> None:
     server.files["/s/stream.v3s"], server.ranges = archive[0].read_bytes(), False
     with refuses("source.no_ranges"):
         StreamReader.open(f"{server.url}/stream.v3s")
 
 
-def test_cut_anywhere(archive, tmp_path):
+def test_cut_anywhere(archive: tuple[Path, Path], tmp_path: Path) -> None:
     data = archive[0].read_bytes()
     cut = tmp_path / "cut.v3s"
     for end in (*range(0, len(data), len(data) // 40), len(data) - 1, len(data) - 22):
@@ -60,7 +63,7 @@ def test_cut_anywhere(archive, tmp_path):
         assert outcome(cut) in ("source", "manifest", "damaged")
 
 
-def test_any_byte_may_be_wrong(archive, tmp_path):
+def test_any_byte_may_be_wrong(archive: tuple[Path, Path], tmp_path: Path) -> None:
     data = archive[0].read_bytes()
     changed = tmp_path / "changed.v3s"
     for at in range(0, len(data), len(data) // 150):
@@ -78,7 +81,7 @@ def outcome(path):
 
 
 @pytest.mark.parametrize("kind", ["deflated", "outside", "twice"])
-def test_archives_of_another_kind(archive, tmp_path, kind):
+def test_archives_of_another_kind(archive: tuple[Path, Path], tmp_path: Path, kind: str) -> None:
     other = tmp_path / "other.v3s"
     with zipfile.ZipFile(archive[0]) as opened, zipfile.ZipFile(other, "w") as out:
         for name in opened.namelist():

@@ -2,10 +2,12 @@
 
 import contextlib
 import hashlib
+from collections.abc import Iterator
 
 import pytest
 
-from tests.studio.stream.sources.conftest import CONTENT, respond, timed
+from tests.studio.stream.conftest import FindStream
+from tests.studio.stream.sources.conftest import CONTENT, Server, respond, timed
 from tests.support.errors import refuses
 from tests.support.splats import same_splats
 from tests.support.streams import contents
@@ -14,7 +16,7 @@ from v3studio.studio.stream.sources.http import HttpSource
 
 
 @pytest.fixture
-def source(server):
+def source(server: Server) -> Iterator[HttpSource]:
     """It waits for as long as a busy machine may take."""
     source = timed(server.url, stall=60, patience=60, first_patience=60)
     yield source
@@ -22,14 +24,14 @@ def source(server):
 
 
 @pytest.mark.parametrize("tail", ["", "/", "/manifest.json"])
-def test_the_addresses_forms(server, tail):
+def test_the_addresses_forms(server: Server, tail: str) -> None:
     source = HttpSource(server.url + tail + "?token=a%20b")
     assert source.read("file", 10**6) == CONTENT
     assert server.requests == [("/s/file?token=a%20b", None)]
     assert "token" not in source.name
 
 
-def test_name_and_password_go_into_a_header_only(server):
+def test_name_and_password_go_into_a_header_only(server: Server) -> None:
     server.faults["/s/file"] = lambda handler, _: handler.answer(handler.headers["Authorization"].encode())
     source = HttpSource(server.url.replace("http://", "http://me:se%3Acret@"))
     assert source.read("file", 10**6) == b"Basic bWU6c2U6Y3JldA=="
@@ -38,19 +40,19 @@ def test_name_and_password_go_into_a_header_only(server):
 
 
 @pytest.mark.parametrize("address", ["ftp://host/x", "http://", "http://host:port/", "host/x"])
-def test_no_address(address):
+def test_no_address(address: str) -> None:
     with refuses("source.invalid_url", file=address):
         HttpSource(address)
 
 
-def test_broken_connections_go_on_where_they_ended(server, source):
+def test_broken_connections_go_on_where_they_ended(server: Server, source: HttpSource) -> None:
     cuts = iter([50_000, 100, 90_000])
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, send=next(cuts, None))
     assert source.read("file", len(CONTENT)) == CONTENT
     assert [asked for _, asked in server.requests] == [None, "bytes=50000-", "bytes=50100-", "bytes=140100-"]
 
 
-def test_a_file_that_changes_meanwhile_is_never_mixed(server, source):
+def test_a_file_that_changes_meanwhile_is_never_mixed(server: Server, source: HttpSource) -> None:
     new = CONTENT[::-1]
 
     def cut_then_change(handler, data):
@@ -62,7 +64,7 @@ def test_a_file_that_changes_meanwhile_is_never_mixed(server, source):
     assert source.read("file", len(CONTENT)) == new
 
 
-def test_a_file_that_shrinks_meanwhile_is_read_again(server, source):
+def test_a_file_that_shrinks_meanwhile_is_read_again(server: Server, source: HttpSource) -> None:
     """By a server that knows no If-Range: it has nothing from that place on, and says so."""
     new = CONTENT[:50_000]
 
@@ -82,14 +84,14 @@ def test_a_file_that_shrinks_meanwhile_is_read_again(server, source):
     assert [asked for _, asked in server.requests] == [None, "bytes=70000-", None]
 
 
-def test_a_length_above_the_limit_is_refused_before_anything_is_read(server, source):
+def test_a_length_above_the_limit_is_refused_before_anything_is_read(server: Server, source: HttpSource) -> None:
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=10**12)
     with refuses("source.file_too_long", file=f"{server.url}/file", value=10**12, expected=5):
         source.read("file", 5)
     assert len(server.requests) == 1
 
 
-def test_more_than_the_limit_without_a_length(server, source):
+def test_more_than_the_limit_without_a_length(server: Server, source: HttpSource) -> None:
     def endless(handler, data):
         respond(handler, 200, Connection="close")
         handler.close_connection = True
@@ -105,7 +107,7 @@ def test_more_than_the_limit_without_a_length(server, source):
     assert server.stop_stalling.wait(60)
 
 
-def test_a_length_that_is_too_long_or_too_short(server, source):
+def test_a_length_that_is_too_long_or_too_short(server: Server, source: HttpSource) -> None:
     server.faults["/s/file"] = lambda handler, data: handler.answer(data, say=len(data) + 5)
     hasty = timed(server.url, stall=0.3, patience=1.5, first_patience=0.5)
     with contextlib.closing(hasty), pytest.raises(SourceUnavailable) as caught:
@@ -118,7 +120,7 @@ def test_a_length_that_is_too_long_or_too_short(server, source):
 @pytest.mark.parametrize(
     ("status", "code"), [(404, "file_missing"), (403, "access_denied"), (400, "http_status"), (304, "http_status")]
 )
-def test_answers_that_do_not_pass(server, source, status, code):
+def test_answers_that_do_not_pass(server: Server, source: HttpSource, status: int, code: str) -> None:
     server.faults["/s/file"] = lambda handler, data: handler.send_error(status)
     with refuses(f"source.{code}", file=f"{server.url}/file", status=status):
         source.read("file", 10)
@@ -126,7 +128,7 @@ def test_answers_that_do_not_pass(server, source, status, code):
 
 
 @pytest.mark.parametrize("status", [500, 503, 429])
-def test_answers_that_pass(server, status):
+def test_answers_that_pass(server: Server, status: int) -> None:
     def later(handler, data):
         if len(server.requests) == 3:
             server.faults.clear()
@@ -138,14 +140,14 @@ def test_answers_that_pass(server, status):
     assert len(server.requests) == 4
 
 
-def test_compression_is_refused(server, source):
+def test_compression_is_refused(server: Server, source: HttpSource) -> None:
     answer = {"Content_Encoding": "gzip", "Content_Length": "3"}
     server.faults["/s/file"] = lambda handler, data: respond(handler, 200, b"abc", **answer)
     with refuses("source.compressed", value="gzip"):
         source.read("file", 10)
 
 
-def test_redirections_are_followed_but_not_in_circles(server, source):
+def test_redirections_are_followed_but_not_in_circles(server: Server, source: HttpSource) -> None:
     def elsewhere(handler, data):
         respond(handler, 302, Location=handler.path.replace("moved", "file"), Content_Length="0")
 
@@ -156,13 +158,13 @@ def test_redirections_are_followed_but_not_in_circles(server, source):
         source.read("file", 10)
 
 
-def test_nobody_there(server):
+def test_nobody_there(server: Server) -> None:
     server.close()
     with refuses("source.unavailable", reason="no_connection"):
         timed(server.url, first_patience=0.4).read("file", 10)
 
 
-def test_a_stream_is_the_same_as_from_its_folder(server, intact):
+def test_a_stream_is_the_same_as_from_its_folder(server: Server, intact: FindStream) -> None:
     folder = intact("ladder")
     server.files.update({f"/s/{name}": data for name, data in contents(folder).items()})
     with StreamReader.open(folder) as local, StreamReader.open(server.url) as remote:
@@ -171,14 +173,14 @@ def test_a_stream_is_the_same_as_from_its_folder(server, intact):
         assert not check_stream(remote).damage
 
 
-def test_no_stream_at_the_address(server):
+def test_no_stream_at_the_address(server: Server) -> None:
     with refuses("source.file_missing", file=f"{server.url}/manifest.json", status=404):
         StreamReader.open(server.url)
     with refuses("source.unsupported_url", file="ftp://somewhere/x"):
         StreamReader.open("ftp://somewhere/x")
 
 
-def test_a_file_that_is_the_same_is_not_sent_again(server, source):
+def test_a_file_that_is_the_same_is_not_sent_again(server: Server, source: HttpSource) -> None:
     def conditional(handler, data):
         tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
         if handler.headers.get("If-None-Match") != tag:
