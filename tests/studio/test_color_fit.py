@@ -14,7 +14,7 @@ def drawn() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     return premultiplied, alpha, target
 
 
-def test_without_ridge_it_is_least_squares():
+def test_without_ridge_it_is_least_squares() -> None:
     premultiplied, alpha, target = drawn()
     weights = torch.arange(400) % 3 > 0
     found = fit_color(premultiplied, alpha, target, weights)
@@ -22,14 +22,14 @@ def test_without_ridge_it_is_least_squares():
     assert np.allclose(found.T, np.linalg.lstsq(base, target[weights].numpy(), rcond=None)[0], atol=1e-9)
 
 
-def test_what_the_colors_do_not_determine_stays_neutral():
+def test_what_the_colors_do_not_determine_stays_neutral() -> None:
     gray = torch.full((50, 3), 0.5)
     found = fit_color(gray, torch.ones(50), gray)
     assert torch.allclose(found, neutral(), atol=1e-9)
     assert torch.allclose(fit_color(gray[:0], torch.ones(0), gray[:0]), neutral())
 
 
-def test_the_fitted_matrix_brings_the_drawing_to_the_target():
+def test_the_fitted_matrix_brings_the_drawing_to_the_target() -> None:
     premultiplied, alpha, _ = drawn()
     matrix = torch.tensor([[0.9, 0.1, 0, 0.02], [0, 1.2, -0.1, 0], [0.05, 0, 0.8, -0.03]], dtype=torch.float64)
     image = premultiplied.view(20, 20, 3)

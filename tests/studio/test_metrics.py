@@ -1,5 +1,7 @@
 """PSNR and SSIM against closed forms and OpenCV's Gaussian filter."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
@@ -51,7 +53,7 @@ def test_ssim_gradient() -> None:
 
 
 @pytest.mark.parametrize("function", [psnr, ssim])
-def test_wrong_shapes(function) -> None:  # type: ignore[no-untyped-def]
+def test_wrong_shapes(function: Callable[..., torch.Tensor]) -> None:
     a, b = pair()
     with refuses("metrics.image_shape", value=((31, 43, 3), (30, 43, 3))):
         function(a, b[1:])

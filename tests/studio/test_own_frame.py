@@ -3,6 +3,7 @@
 import json
 import struct
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,7 +47,9 @@ def ring(radius: float, middle: Sequence[float] | np.ndarray) -> Rig:
         (0.001, (0.001, 0, 0), True, False),
     ],
 )
-def test_ordinary_cameras_stay_and_others_become_ordinary(radius, middle, scaled, moved):
+def test_ordinary_cameras_stay_and_others_become_ordinary(
+    radius: float, middle: tuple[float, float, float], scaled: bool, moved: bool
+) -> None:
     rig = ring(radius, middle)
     frame = own_frame(rig)
     assert (frame.scale != 1, bool(frame.translation.any())) == (scaled, moved)
@@ -71,12 +74,12 @@ def video(original: Similarity) -> SplatVideo:
 
 
 @pytest.fixture(params=[3.0, 3000.0], ids=["meters", "millimeters"])
-def original(request):
+def original(request: pytest.FixtureRequest) -> Similarity:
     """Of a take 5,000 km from zero, in meters or in millimeters."""
     return undone(own_frame(ring(request.param, FAR * request.param / 3)), placed=False)
 
 
-def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path, original):
+def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path: Path, original: Similarity) -> None:
     take = video(original)
     meant = original.points(take.read(0).means.numpy())
     sizes = take.read(0).log_scales.numpy() + np.log(original.scale)
@@ -97,7 +100,9 @@ def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path, ori
 
 
 @pytest.mark.parametrize("form", ["ply", "videogs"])
-def test_imports_far_away_get_their_own_frame_and_exports_undo_it(tmp_path, original, form):
+def test_imports_far_away_get_their_own_frame_and_exports_undo_it(
+    tmp_path: Path, original: Similarity, form: str
+) -> None:
     take = video(original)
     meant = original.points(take.read(0).means.numpy())
     if form == "ply":
@@ -122,7 +127,7 @@ def test_imports_far_away_get_their_own_frame_and_exports_undo_it(tmp_path, orig
     np.testing.assert_allclose(np.sort(sizes), np.sort(wanted), atol=0.05)  # baking may swap axes
 
 
-def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
+def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path: Path, original: Similarity) -> None:
     take = video(original)
     rotation = axes_of(take, (0, 1, 0), True)
     export_sequence(take, tmp_path / "spz", ".spz", rotation)
@@ -133,7 +138,7 @@ def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path, original):
         export_sequence(take, tmp_path / "far", ".spz")
 
 
-def test_the_stream_knows_where_it_was(original):
+def test_the_stream_knows_where_it_was(original: Similarity) -> None:
     values = json.loads(json.dumps(StreamMetadata(original=original).to_json()))
     found = StreamMetadata.from_json(values).original
     assert found.scale == original.scale

@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -126,7 +127,9 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
         (Config, {"train": {"rates": {"means": -1}}}, "settings.invalid", "train.rates.means"),
     ],
 )
-def test_bad_values_in_python_raise_the_error_of_the_library(model, values, code, setting) -> None:
+def test_bad_values_in_python_raise_the_error_of_the_library(
+    model: type[Settings], values: dict[str, Any], code: str, setting: str
+) -> None:
     with pytest.raises(StudioError) as caught:
         model(**values)
     assert (caught.value.code, caught.value.fields["setting"]) == (code, setting)

@@ -40,7 +40,7 @@ def filmed(change: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("background", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
-def test_psnr_is_that_of_opencv_over_the_background(background):
+def test_psnr_is_that_of_opencv_over_the_background(background: tuple[float, float, float]) -> None:
     image, mask = filmed()
     noise = np.random.default_rng(0).integers(-20, 20, image.shape)
     noisy = np.clip(image.astype(int) + noise, 0, 255).astype(np.uint8)
@@ -58,7 +58,7 @@ def test_psnr_is_that_of_opencv_over_the_background(background):
     assert found["psnr"] - box["psnr"] == pytest.approx(10 * math.log10(ratio), abs=0.05)
 
 
-def test_thin_performers_have_no_interior():
+def test_thin_performers_have_no_interior() -> None:
     image, mask = filmed()
     thin = np.zeros_like(mask)
     thin[:, 30:33] = 255
@@ -67,7 +67,7 @@ def test_thin_performers_have_no_interior():
     assert "psnr_outline" in found
 
 
-def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
+def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail() -> None:
     change = np.array([[0.9, 0.05, 0, 0.02], [0, 1.1, 0, -0.03], [0.03, 0, 0.8, 0.04]])
     image, mask = filmed(change)
     pair = ViewPair.of(splats(), camera(), image, mask, (0, 0, 0), fit=True)
@@ -82,7 +82,7 @@ def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail():
     assert np.allclose(pair.fitted, np.clip(base @ matrix, 0, 1), atol=1e-4)
 
 
-def test_lpips_gets_images_of_its_smallest_size():
+def test_lpips_gets_images_of_its_smallest_size() -> None:
     black = np.zeros((20, 20, 3), np.float32)
     small = ViewPair(black, black, (1, 1, 1), (slice(0, 20), slice(0, 20)), np.zeros((20, 20), np.float32))
     sizes = []
@@ -96,7 +96,7 @@ def test_lpips_gets_images_of_its_smallest_size():
     assert "lpips" not in measure(small)
 
 
-def test_cameras_are_found_by_number_if_only_one_has_it():
+def test_cameras_are_found_by_number_if_only_one_has_it() -> None:
     assert find_camera("48", ["cam047", "cam048"]) == "cam048"
     assert find_camera("cam00", ["0", "1"]) == "0"
     assert find_camera("48", ["a48", "b48"]) is None

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,7 +45,7 @@ def test_a_moved_camera_sees_the_same_of_moved_splats() -> None:
 
 
 @pytest.mark.parametrize("end", [(0, 1, 0), (1, 2, 3), (-0.3, -0.2, -1), (0.3, 0.2, 1)])
-def test_the_shortest_rotation(end) -> None:
+def test_the_shortest_rotation(end: tuple[float, float, float]) -> None:
     start, end = np.array([0.3, 0.2, 1.0]), np.array(end, float)
     rotation = rotation_between(start, end)
     assert np.allclose(rotation @ rotation.T, np.eye(3))
@@ -171,6 +172,6 @@ def test_a_mask_is_cut_to_a_box_that_reaches_to_the_camera() -> None:
         {"unknown": 1},
     ],
 )  # fmt: skip
-def test_what_makes_no_sense_is_refused(values) -> None:
+def test_what_makes_no_sense_is_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
         EditList.model_validate(values)

@@ -11,7 +11,7 @@ from v3studio.studio.meshing.silhouettes import silhouettes
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])
-def test_correct_masks_agree(scale, origin):
+def test_correct_masks_agree(scale: float, origin: tuple[float, float, float]) -> None:
     agreement = mask_agreement(silhouettes(two_balls(9, scale, origin)), 4)
     assert len(agreement) == 9
     assert max(one.missing for one in agreement.values()) < 0.01
@@ -19,7 +19,7 @@ def test_correct_masks_agree(scale, origin):
 
 
 @pytest.mark.parametrize("what", ["empty", "of another camera", "shifted"])
-def test_a_wrong_mask_is_named(what):
+def test_a_wrong_mask_is_named(what: str) -> None:
     views = two_balls(9)
     mask = views[4].mask
     wrong = {"empty": np.zeros_like(mask), "of another camera": views[8].mask, "shifted": np.roll(mask, 40, 1)}
@@ -28,7 +28,7 @@ def test_a_wrong_mask_is_named(what):
 
 
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
-def test_the_place_of_a_contradiction_is_named(pixels):
+def test_the_place_of_a_contradiction_is_named(pixels: float) -> None:
     """In pixels of the view, also if the masks are compared at a smaller size."""
     views = two_balls(9)
     mask = views[4].mask.copy()
@@ -41,7 +41,7 @@ def test_the_place_of_a_contradiction_is_named(pixels):
     assert np.abs(np.subtract(box, patch)).max() <= 6
 
 
-def test_a_performer_near_a_camera_does_not_contradict():
+def test_a_performer_near_a_camera_does_not_contradict() -> None:
     """There, the points of the volume are many pixels apart."""
     views = two_balls(9)
     here = views[4].camera
@@ -61,7 +61,7 @@ def test_a_performer_near_a_camera_does_not_contradict():
     assert not contradicting(agreement)
 
 
-def test_the_frame_of_a_late_camera_is_found():
+def test_the_frame_of_a_late_camera_is_found() -> None:
     views = two_balls(9)
     right = views[4].mask
     views[4] = replace(views[4], mask=np.roll(right, 20, 1))

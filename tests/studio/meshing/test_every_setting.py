@@ -2,11 +2,12 @@
 
 import functools
 import hashlib
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
-from tests.studio.meshing.conftest import two_balls
+from tests.studio.meshing.conftest import Shot, two_balls
 from v3studio.studio.meshing import InitializeSettings, initialize_points
 from v3studio.studio.settings import affected
 
@@ -15,7 +16,7 @@ CHANGES = {"points": 201, "resolution": 24, "tolerance": 0.0, "max_faces": 200}
 
 
 @pytest.fixture(scope="module")
-def views():
+def views() -> list[Shot]:
     """Of six cameras, one has a mask that lacks a part, and two see the right half of their images only."""
     shots = two_balls(6)
     broken = shots[1].mask.copy()
@@ -27,7 +28,7 @@ def views():
 
 
 @pytest.fixture(scope="module")
-def digest(views):
+def digest(views: list[Shot]) -> Callable[[InitializeSettings], str]:
     @functools.cache
     def made(settings: InitializeSettings) -> str:
         found = initialize_points(views, settings)
@@ -41,5 +42,5 @@ def test_there_is_a_value_for_every_setting() -> None:
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_the_setting_changes_the_points(name, digest):
+def test_the_setting_changes_the_points(name: str, digest: Callable[[InitializeSettings], str]) -> None:
     assert digest(InitializeSettings(**{**BASE, name: CHANGES[name]})) != digest(InitializeSettings(**BASE))

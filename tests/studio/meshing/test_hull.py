@@ -45,7 +45,7 @@ def test_signed_distance_of_a_disc() -> None:
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1000.0, (5e3, -2e3, 100.0)), (1e-3, (0.01, 0, -0.02))])
-def test_hull_contains_the_object_and_little_more(scale, origin):
+def test_hull_contains_the_object_and_little_more(scale: float, origin: tuple[float, float, float]) -> None:
     """In any units and at any position."""
     result = visual_hull(two_balls(12, scale, origin), COARSE)
     distance = distance_to_balls(result.mesh.vertices, scale, origin)
@@ -58,7 +58,7 @@ def test_hull_contains_the_object_and_little_more(scale, origin):
     assert result.hull.outliers == {}
 
 
-def test_one_outlier_mask_is_corrected_and_reported(carved):
+def test_one_outlier_mask_is_corrected_and_reported(carved: HullResult) -> None:
     """A camera whose mask has no right half must not halve the hull."""
     views = two_balls(12)
     mask = views[4].mask.copy()
@@ -75,7 +75,7 @@ def test_one_outlier_mask_is_corrected_and_reported(carved):
     assert "cam04" in mismatches
 
 
-def test_never_an_empty_mesh():
+def test_never_an_empty_mesh() -> None:
     """Too few cameras to correct outliers: the error names the camera."""
     views = two_balls(12)[:9:3]
     shifted = np.zeros_like(views[1].mask)
@@ -85,13 +85,13 @@ def test_never_an_empty_mesh():
         visual_hull(views, InitializeSettings(resolution=48, tolerance=0))
 
 
-def test_all_masks_empty():
+def test_all_masks_empty() -> None:
     views = [replace(view, mask=np.zeros_like(view.mask)) for view in two_balls(4)]
     with refuses("hull.empty_masks", setting="capture.masks"):
         visual_hull(views)
 
 
-def test_cameras_that_look_away():
+def test_cameras_that_look_away() -> None:
     views = []
     for view in two_balls(4):
         center = view.camera.center
@@ -101,7 +101,7 @@ def test_cameras_that_look_away():
     assert caught.value.code in ("hull.no_overlap", "hull.masks_disagree")
 
 
-def test_cameras_do_not_carve_outside_their_image():
+def test_cameras_do_not_carve_outside_their_image() -> None:
     """In every second camera the ball is half outside the image: cameras do not carve what they cannot see."""
     views = [view.right_half() if index % 2 else view for index, view in enumerate(two_balls(12))]
     result = visual_hull(views, COARSE)
@@ -110,7 +110,7 @@ def test_cameras_do_not_carve_outside_their_image():
     assert distance.max() < 0.4
 
 
-def test_bad_settings_and_views():
+def test_bad_settings_and_views() -> None:
     views = two_balls(3)
     with refuses("hull.too_few_cameras", value=1, expected=2):
         visual_hull(views[:1])
@@ -124,7 +124,7 @@ def test_bad_settings_and_views():
         visual_hull([small, *views[1:]])
 
 
-def test_maps_respect_the_pixel_limit():
+def test_maps_respect_the_pixel_limit() -> None:
     views = two_balls(6)
     shapes = silhouettes(views, max_pixels=6 * 2000)
     assert sum(shape.map.numel() for shape in shapes) <= 6 * 2000 * 1.02
@@ -157,7 +157,7 @@ def test_samples_are_even_and_reproducible() -> None:
         sample_surface(Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32)), 5)
 
 
-def test_points_and_colors_of_a_ball():
+def test_points_and_colors_of_a_ball() -> None:
     result = initialize_points(two_balls(12), COARSE.replace(points=2000), seed=3)
     assert result.points.shape == result.normals.shape == result.colors.shape == (2000, 3)
     outward = (result.normals * result.points).sum(1)
@@ -169,7 +169,7 @@ def test_points_and_colors_of_a_ball():
     assert np.quantile(error, 0.9) < 0.15
 
 
-def test_mesh_file(tmp_path, carved) -> None:
+def test_mesh_file(tmp_path: Path, carved: HullResult) -> None:
     mesh = carved.mesh
     mesh.save(tmp_path / "mesh.ply")
     twin = Mesh.load(tmp_path / "mesh.ply")

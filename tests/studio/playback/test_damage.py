@@ -1,6 +1,7 @@
 """Damaged and missing groups are skipped and reported, and playback continues."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -19,7 +20,7 @@ def number(played) -> int:
     ("how", "code"),
     [("missing", "source.file_missing"), ("flipped", "stream.wrong_checksum"), ("truncated", "stream.wrong_size")],
 )
-def test_goes_on_with_the_next_intact_group(stream, realtime, how, code):
+def test_goes_on_with_the_next_intact_group(stream: Path, realtime: bool, how: str, code: str) -> None:
     path = opacity_file(stream, 1)
     damage(path, how)
     seen = []
@@ -41,7 +42,7 @@ def test_goes_on_with_the_next_intact_group(stream, realtime, how, code):
 
 
 @pytest.mark.parametrize("realtime", [False, True])
-def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
+def test_where_nothing_is_intact_it_is_an_error(stream: Path, realtime: bool) -> None:
     for group in range(4):
         opacity_file(stream, group).unlink()
     file = opacity_file(stream, 0)
@@ -49,14 +50,14 @@ def test_where_nothing_is_intact_it_is_an_error(stream, realtime):
         play_headless(stream, realtime=realtime)
 
 
-def test_only_what_was_to_be_played_is_reported(stream):
+def test_only_what_was_to_be_played_is_reported(stream: Path) -> None:
     opacity_file(stream, 1).unlink()
     assert play_headless(stream, frame_limit=5).skipped == ()
     assert play_headless(stream, frame_limit=6).skipped != ()
     assert play_headless(stream, start_frame=9).skipped == ()
 
 
-def test_a_picture_that_cannot_be_decoded(stream):
+def test_a_picture_that_cannot_be_decoded(stream: Path) -> None:
     """Names and checksums match here: the manifest is updated to the damaged file."""
     file = opacity_file(stream, 0)
     data = bytearray(file.read_bytes())
@@ -97,7 +98,7 @@ class Dead(Source):
 
 
 @pytest.mark.parametrize("realtime", [False, True])
-def test_a_server_that_stays_away_ends_it(long_stream, realtime):
+def test_a_server_that_stays_away_ends_it(long_stream: Path, realtime: bool) -> None:
     source = Dead(long_stream)
     seen = []
     with pytest.raises(SourceUnavailable):

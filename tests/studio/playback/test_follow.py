@@ -40,7 +40,9 @@ class Source:
         ((True, OTHER, True), 2, [OTHER]),  # another stream in its place ends it
     ],
 )
-def test_what_is_read_and_told(monkeypatch, answers, reads, lost):
+def test_what_is_read_and_told(
+    monkeypatch: pytest.MonkeyPatch, answers: tuple[bool | StudioError, ...], reads: int, lost: list[StudioError]
+) -> None:
     monkeypatch.setattr(follow, "SHORTEST", 0.001)
     monkeypatch.setattr(follow, "LONGEST", 0.001)
     source = Source(*answers)

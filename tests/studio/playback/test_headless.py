@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from tests.support.errors import refuses
@@ -6,7 +8,7 @@ from v3studio.studio.playback import play_headless
 from v3studio.studio.stream import StreamReader
 
 
-def test_all_frames_in_order(stream):
+def test_all_frames_in_order(stream: Path) -> None:
     seen = []
     report = play_headless(stream, on_frame=lambda played: seen.append(round(played.gaussians.means[0, 0].item())))
     assert seen == list(range(16))
@@ -22,7 +24,7 @@ def test_all_frames_in_order(stream):
     assert sum(stats.bytes for stats in report.frames) == pytest.approx(files)
 
 
-def test_report_as_json(stream):
+def test_report_as_json(stream: Path) -> None:
     report = play_headless(stream, frame_limit=4)
     values = report.to_dict()
     assert values["shown"] == 4
@@ -32,14 +34,14 @@ def test_report_as_json(stream):
     assert values["summary"]["decode_ms"]["mean"] == pytest.approx(sum(decode) / 4)
 
 
-def test_part_of_a_stream(stream):
+def test_part_of_a_stream(stream: Path) -> None:
     with StreamReader.open(stream) as reader:
         report = play_headless(reader, start_frame=7, frame_limit=5)
         assert [stats.frame for stats in report.frames] == [7, 8, 9, 10, 11]
         assert len(reader.gaussians(0)) == 40  # the caller's reader stays open
 
 
-def test_by_the_clock(stream):
+def test_by_the_clock(stream: Path) -> None:
     seen = []
     report = play_headless(stream, realtime=True, on_frame=lambda played: seen.append(played.frame))
     assert seen == sorted(set(seen))
@@ -48,7 +50,7 @@ def test_by_the_clock(stream):
     assert report.seconds >= 15 / 50 - 0.01  # never faster than the stream's rate
 
 
-def test_errors_reach_the_caller(stream, tmp_path):
+def test_errors_reach_the_caller(stream: Path, tmp_path: Path) -> None:
     for realtime in (False, True):
         with refuses("source.not_found", file=tmp_path / "none"):
             play_headless(tmp_path / "none", realtime=realtime)
@@ -56,7 +58,7 @@ def test_errors_reach_the_caller(stream, tmp_path):
             play_headless(stream, realtime=realtime, start_frame=16)
 
 
-def test_cancelling_passes_through(stream):
+def test_cancelling_passes_through(stream: Path) -> None:
     def stop(played):
         raise Cancelled
 

@@ -1,6 +1,8 @@
 """A live stream is followed: playback waits at its end for the next group, and ends when it is complete."""
 
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -11,7 +13,7 @@ from v3studio.studio.stream import BakeSettings
 
 
 @pytest.fixture
-def publish(tmp_path, monkeypatch):
+def publish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     """`publish(groups, live, fps)`: the first groups of 3 frames of a stream; returns its folder."""
     monkeypatch.setattr(follow, "SHORTEST", 0.01)
 
@@ -22,7 +24,7 @@ def publish(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("realtime", [False, True])
-def test_it_waits_for_the_next_group_and_plays_to_the_end(publish, realtime):
+def test_it_waits_for_the_next_group_and_plays_to_the_end(publish: Callable[..., Path], realtime: bool) -> None:
     seen = []
 
     def more(item):
@@ -37,7 +39,7 @@ def test_it_waits_for_the_next_group_and_plays_to_the_end(publish, realtime):
 
 
 @pytest.mark.parametrize("realtime", [False, True])
-def test_another_stream_in_its_place_is_refused_at_the_end(publish, realtime):
+def test_another_stream_in_its_place_is_refused_at_the_end(publish: Callable[..., Path], realtime: bool) -> None:
     folder, seen = publish(2), []
 
     def replace(item):

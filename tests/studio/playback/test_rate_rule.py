@@ -2,10 +2,12 @@
 
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
 from tests.studio.stream.conftest import turned_bodies, write_stream
+from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.playback import RateRule, play_headless
 from v3studio.studio.stream import FolderSource, StreamReader
 
@@ -48,7 +50,7 @@ def play(rule, network, groups=30, seconds=1 / 3):
 
 
 @pytest.mark.parametrize("period", [2.0, 5.0, 9.0])
-def test_a_changing_network_does_not_stop_300_frames(period):
+def test_a_changing_network_does_not_stop_300_frames(period: float) -> None:
     """Between 0.8 and 12 Mbit/s, in steps and in waves; no rendition above 4 Mbit/s could be played all the time."""
     for rate in (
         lambda now: 12e6 if now % period < period / 2 else 0.8e6,
@@ -59,7 +61,7 @@ def test_a_changing_network_does_not_stop_300_frames(period):
         assert len(set(chosen)) > 1
 
 
-def test_a_steady_network_does_not_oscillate():
+def test_a_steady_network_does_not_oscillate() -> None:
     for rate in (1.5e6, 3e6, 5e6, 9e6):
         chosen, stalled = play(RateRule(RATES), Network(lambda now, rate=rate: rate), groups=120)
         assert stalled == 0
@@ -68,7 +70,7 @@ def test_a_steady_network_does_not_oscillate():
         assert 0.4 * rate < average <= rate
 
 
-def test_equal_rates_and_any_order():
+def test_equal_rates_and_any_order() -> None:
     assert RateRule((5, 5)).choose(0.0) in (0, 1)
     rule = RateRule((500_000, 8_000_000))
     rule.fetched(10_000_000, 1.0)
@@ -76,13 +78,15 @@ def test_equal_rates_and_any_order():
 
 
 @pytest.fixture(scope="module")
-def switching(tmp_path_factory):
+def switching(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Gaussians]]:
     """60 frames in groups of 4, three renditions, few splats."""
     folder = write_stream(tmp_path_factory.mktemp("switching"), (4,) * 15, splats=40, degree=0)
     return folder, turned_bodies(60, 40)
 
 
-def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkeypatch):
+def test_changing_renditions_neither_repeats_nor_skips_a_frame(
+    switching: tuple[Path, list[Gaussians]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The player changes the rendition at every group; each frame is the one that was baked."""
     folder, frames = switching
     turns = iter(range(10_000))
@@ -103,7 +107,9 @@ def test_changing_renditions_neither_repeats_nor_skips_a_frame(switching, monkey
             assert abs(mean - float(frames[frame].means[:, 0].mean())) < 0.0125
 
 
-def test_the_rule_hears_of_network_and_decoder(switching, monkeypatch):
+def test_the_rule_hears_of_network_and_decoder(
+    switching: tuple[Path, list[Gaussians]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, _ = switching
     fetched, shown = [], []
     monkeypatch.setattr(RateRule, "fetched", lambda self, size, seconds: fetched.append(size))

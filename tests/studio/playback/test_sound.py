@@ -1,5 +1,7 @@
 """The sound of a stream, as the device plays it."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -13,12 +15,12 @@ RAMP = np.linspace(0, 0.5, round(SECONDS * 48_000), dtype=np.float32)[:, None]
 
 
 @pytest.fixture
-def output():
+def output() -> FakeOutput:
     return FakeOutput()
 
 
 @pytest.fixture
-def sound(output):
+def sound(output: FakeOutput) -> Iterator[SoundPlayer]:
     player = SoundPlayer(ArrayPcm(RAMP), SECONDS, output)
     yield player
     player.close()
@@ -31,7 +33,7 @@ def heard(output, sound, seconds):
     return output.pull(seconds)
 
 
-def test_it_plays_from_where_it_should_and_tells_what_is_heard(output, sound):
+def test_it_plays_from_where_it_should_and_tells_what_is_heard(output: FakeOutput, sound: SoundPlayer) -> None:
     output.latency = 480
     sound.play(0.2, loop=False)
     assert sound.position() == pytest.approx(0.2)
@@ -48,7 +50,7 @@ def test_it_plays_from_where_it_should_and_tells_what_is_heard(output, sound):
     assert heard(output, sound, 0.02)[0, 0] == pytest.approx(0, abs=1e-3)
 
 
-def test_loops_have_no_gap(output, sound):
+def test_loops_have_no_gap(output: FakeOutput, sound: SoundPlayer) -> None:
     sound.play(0.3, loop=True)
     samples = heard(output, sound, 0.25)[:, 0]
     wrapped = np.concatenate([RAMP[14_400:, 0], RAMP[: 12_000 - 4800, 0]])
@@ -58,7 +60,7 @@ def test_loops_have_no_gap(output, sound):
     assert heard(output, sound, 0.01)[0, 0] == pytest.approx(RAMP[7200, 0], abs=1e-3)
 
 
-def test_volume(output, sound):
+def test_volume(output: FakeOutput, sound: SoundPlayer) -> None:
     sound.volume = 0.5
     sound.play(0.2, loop=False)
     assert heard(output, sound, 0.02)[0, 0] == pytest.approx(0.125, abs=1e-3)
@@ -68,7 +70,7 @@ def test_volume(output, sound):
 
 
 @pytest.mark.parametrize("broken", ["missing", "lost"])
-def test_a_missing_or_lost_device_is_silent_and_says_why(output, broken):
+def test_a_missing_or_lost_device_is_silent_and_says_why(output: FakeOutput, broken: str) -> None:
     output.refuse = broken == "missing"
     player = SoundPlayer(ArrayPcm(RAMP), SECONDS, output)
     player.play(0.0, loop=False)

@@ -1,6 +1,7 @@
 """Frames in any order, as a window wants them."""
 
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -11,7 +12,7 @@ from v3studio.studio.playback import LeftOut, RateRule, StreamFrames, stream_fra
 from v3studio.studio.stream import DecodedFrame, GroupDecoder, StreamReader
 
 
-def test_frames_in_any_order_are_the_ones_that_were_baked(stream):
+def test_frames_in_any_order_are_the_ones_that_were_baked(stream: Path) -> None:
     with StreamReader.open(stream) as reader, closing(StreamFrames(reader, loop=True)) as frames:
         for wanted in (3, 15, 0, 1, 9, 8, 14, 15, 0, 4, 5, 2):
             found = frames.get(wanted)
@@ -19,7 +20,7 @@ def test_frames_in_any_order_are_the_ones_that_were_baked(stream):
         assert 3 < frames.get(7, 3).frame <= 7
 
 
-def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
+def test_a_damaged_group_is_tried_again_after_a_while(stream: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_frames, "RETRY_SECONDS", 1e9)
     file = opacity_file(stream, 1)
     content = file.read_bytes()
@@ -39,7 +40,7 @@ def test_a_damaged_group_is_tried_again_after_a_while(stream, monkeypatch):
         assert (len(known[0]), frames.skipped) == (1, ())  # it is known as damaged until it is there
 
 
-def test_a_late_viewer_passes_over_damaged_groups(stream, monkeypatch):
+def test_a_late_viewer_passes_over_damaged_groups(stream: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opacity_file(stream, 2).unlink()
     read = GroupDecoder.read
 
@@ -55,7 +56,7 @@ def test_a_late_viewer_passes_over_damaged_groups(stream, monkeypatch):
         assert frames.get(15, 5).frame >= 10
 
 
-def test_all_is_fetched_and_decoded_once_for_a_slow_viewer(long_stream, monkeypatch):
+def test_all_is_fetched_and_decoded_once_for_a_slow_viewer(long_stream: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_frames, "_KEPT_GROUPS", 1)
     made = []
     for name in ("_fetch", "_decode"):

@@ -8,12 +8,13 @@ import torch
 
 from tests.studio.rasterizer.conftest import assert_same, draw, make_camera, make_splats, sturdy_pixels
 from tests.support.errors import refuses
+from v3studio.studio.cameras import Camera
 from v3studio.studio.rasterizer import available_backends, preferred_device, rasterize, rasterize_views
 from v3studio.studio.rasterizer.triton_backend import Views, bin_splats, project_all
 
 
 @pytest.fixture
-def small():
+def small() -> Camera:
     """A camera whose picture has two by two tiles, the outer ones cut by its edges."""
     return make_camera(24, 20, focal=20.0)
 
@@ -32,25 +33,25 @@ def compare(splats, camera, **options) -> None:
 
 
 @pytest.mark.parametrize(("count", "degree", "log_scale"), [(1, 0, -2), (6, 3, -2)])
-def test_random_scenes(small, count, degree, log_scale) -> None:
+def test_random_scenes(small: Camera, count: int, degree: int, log_scale: float) -> None:
     compare(make_splats(count, degree=degree, log_scale=log_scale), small, picture=True)
 
 
-def test_splats_behind_and_beside_the_camera(small) -> None:
+def test_splats_behind_and_beside_the_camera(small: Camera) -> None:
     splats = make_splats(16, spread=4.0, log_scale=-1.0)
     depth = (splats.means @ torch.tensor(small.rotation).T)[:, 2] + 3
     assert (depth < 0).sum() > 1
     compare(splats, small)
 
 
-def test_clamped_splats_that_stop_pixels(small) -> None:
+def test_clamped_splats_that_stop_pixels(small: Camera) -> None:
     splats = make_splats(5, log_scale=-0.5)
     splats.logit_opacities[:] = torch.tensor([3.0, 3.0, 3.0, 9.0, 3.0])  # two that are clamped stop a pixel by rounding
     compare(splats, small)
     assert draw(splats, small, "reference").alpha.max() > 0.999
 
 
-def test_no_splats(small) -> None:
+def test_no_splats(small: Camera) -> None:
     compare(make_splats(0), small)
 
 
@@ -62,7 +63,7 @@ def test_nothing_in_sight() -> None:
     assert all(drawn.gradients[name].abs().max() == 0 for name in ("means", "quats", "log_scales", "sh"))
 
 
-def test_values_that_are_not_finite(small) -> None:
+def test_values_that_are_not_finite(small: Camera) -> None:
     splats = make_splats(9).to(torch.float32)
     kept = splats[torch.arange(5, 9)]
     for i, (_, tensor) in enumerate(splats.items()):
@@ -77,7 +78,7 @@ def test_values_that_are_not_finite(small) -> None:
         assert tensor.grad.abs().max() > 0
 
 
-def test_only_float32(small) -> None:
+def test_only_float32(small: Camera) -> None:
     with refuses("rasterizer.dtype", value="torch.float64"):
         rasterize(make_splats(1), small, backend="triton")
     with refuses("rasterizer.mixed_tensors", argument="screen_offsets"):
@@ -85,7 +86,7 @@ def test_only_float32(small) -> None:
         rasterize(make_splats(1).to(torch.float32), small, backend="triton", screen_offsets=offsets)
 
 
-def test_the_interpreter_is_not_chosen(small) -> None:
+def test_the_interpreter_is_not_chosen(small: Camera) -> None:
     assert "triton" in available_backends()
     assert preferred_device().type == ("cuda" if torch.cuda.is_available() else "cpu")
     splats = make_splats(3).to(torch.float32)
@@ -122,7 +123,7 @@ def test_several_views_are_as_one_by_one() -> None:
         torch.testing.assert_close(gradient, other, rtol=1e-4, atol=1e-5 * float(other.abs().max()))
 
 
-def test_colors_that_need_no_gradient(small) -> None:
+def test_colors_that_need_no_gradient(small: Camera) -> None:
     """As in the motion of a frame; the other gradients do not change."""
     found = []
     for colors in (True, False):

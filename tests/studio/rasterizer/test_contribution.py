@@ -8,14 +8,14 @@ from v3studio.studio.rasterizer import rasterize
 from v3studio.studio.rasterizer.contribution import contribution
 
 
-def test_weights_sum_to_alpha():
+def test_weights_sum_to_alpha() -> None:
     splats, camera = make_splats(40).to(torch.float32), make_camera()
     found = contribution(splats, [camera])
     assert found.shape == (40,)
     assert float(found.sum()) == pytest.approx(float(rasterize(splats, camera).alpha.sum()), rel=1e-4)
 
 
-def test_hidden_and_unseen_splats_add_nothing():
+def test_hidden_and_unseen_splats_add_nothing() -> None:
     splats = make_splats(3).to(torch.float32)
     splats.means[:] = torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, -6.0]])
     splats.log_scales[:] = torch.tensor([[-1.0], [-4.0], [-1.0]])

@@ -3,6 +3,7 @@
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 import torch
@@ -60,7 +61,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
-def test_scenes(scene) -> None:
+def test_scenes(scene: tuple[dict[str, Any], dict[str, Any], dict[str, Any]]) -> None:
     splats, camera, options = scene
     compare(make_splats(**splats), make_camera(**camera), **options)
 
@@ -74,7 +75,7 @@ def test_scenes(scene) -> None:
         ("logit_opacities", slice(1, None, 3), -60.0),
     ],
 )
-def test_extreme_shapes_and_opacities(attribute, part, value) -> None:
+def test_extreme_shapes_and_opacities(attribute: str, part: slice, value: float | tuple[float, float, float]) -> None:
     splats = make_splats(60)
     getattr(splats, attribute)[part] = torch.tensor(value, dtype=torch.float64)
     compare(splats, make_camera())
@@ -99,7 +100,7 @@ def test_ten_thousand_splats_on_one_pixel() -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_same_bits_for_any_number_of_threads(dtype) -> None:
+def test_same_bits_for_any_number_of_threads(dtype: torch.dtype) -> None:
     splats, camera = make_splats(1500), make_camera(200, 150, focal=150.0)
 
     def values():
@@ -121,7 +122,7 @@ ATTRIBUTES = ("means", "quats", "log_scales", "logit_opacities", "sh")
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("attribute", ATTRIBUTES)
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
-def test_a_value_that_is_not_finite(attribute, value, backend) -> None:
+def test_a_value_that_is_not_finite(attribute: str, value: float, backend: str) -> None:
     """Checked: an error that names it. Unchecked: the splat is not drawn and affects nothing else."""
     camera, splats = make_camera(), make_splats(40)
     broken = splats.clone()
@@ -190,7 +191,9 @@ def test_no_gradient_where_none_is_required() -> None:
         (torch.float64, 0, ("image",), ("sh",)),
     ],
 )
-def test_gradients_of_some_attributes_alone(instruction_set, dtype, degree, outputs, trained) -> None:
+def test_gradients_of_some_attributes_alone(
+    instruction_set: str, dtype: torch.dtype, degree: int, outputs: tuple[str, ...], trained: tuple[str, ...]
+) -> None:
     """The kernels leave out what only the other gradients need. All of them are checked against the reference above."""
 
     def gradients(wanted: tuple[str, ...]) -> dict[str, torch.Tensor]:

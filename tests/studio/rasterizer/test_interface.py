@@ -1,5 +1,7 @@
 """Selection of the backend, and invalid arguments."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -21,7 +23,7 @@ from v3studio.studio.rasterizer.cpu import kernel_threads
         ({"screen_offsets": torch.zeros(5, 2).half()}, "mixed_tensors", {"argument": "screen_offsets"}),
     ],
 )
-def test_invalid_arguments(options, code, fields) -> None:
+def test_invalid_arguments(options: dict[str, Any], code: str, fields: dict[str, Any]) -> None:
     with refuses(f"rasterizer.{code}", **fields):
         rasterize(make_splats(5), make_camera(), **options)
 

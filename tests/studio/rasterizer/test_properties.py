@@ -1,5 +1,7 @@
 """The CPU kernels against the reference on scenes drawn by hypothesis."""
 
+from typing import Any
+
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -34,7 +36,7 @@ def scenes(pick):
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(scene=scenes())
-def test_kernels_equal_the_reference(scene) -> None:
+def test_kernels_equal_the_reference(scene: dict[str, Any]) -> None:
     """In double precision up to rounding, and in single precision within the bounds that all backends must meet."""
     splats, camera = make_splats(**scene["splats"]), make_camera(**scene["camera"])
     splats.log_scales[:, 0] += scene["stretch"]

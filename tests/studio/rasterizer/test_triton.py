@@ -70,7 +70,7 @@ def test_triton_says_why_it_cannot() -> None:
 @needs_triton
 @pytest.mark.gpu
 @pytest.mark.parametrize(("count", "degree", "log_scale"), [(0, 0, 0), (1, 0, -3), (300, 3, -1), (1500, 3, -3.5)])
-def test_parity_on_the_gpu(count, degree, log_scale) -> None:
+def test_parity_on_the_gpu(count: int, degree: int, log_scale: float) -> None:
     camera, splats = make_camera(), make_splats(count, degree=degree, log_scale=log_scale)
     sturdy = sturdy_pixels(splats, camera)
     weight = sturdy.double()

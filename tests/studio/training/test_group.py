@@ -154,7 +154,9 @@ def test_invalid_input(before: list[TrainingView]) -> None:
         TrainSettings(sh_degree=7)
 
 
-def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(before, monkeypatch):
+def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(
+    before: list[TrainingView], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("v3studio.studio.training.densify.RESET_EVERY", 8)
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 1)
     points, colors, kept = noisy_points(), torch.full((300, 3), 0.5), Checkpoints()

@@ -44,7 +44,9 @@ def bend(frames: list[Gaussians]) -> float:
     return float(means.diff(n=2, dim=0).norm(dim=-1).mean())
 
 
-def test_frames_share_their_appearance_and_come_closer_to_the_footage(noisy, seen):
+def test_frames_share_their_appearance_and_come_closer_to_the_footage(
+    noisy: list[Gaussians], seen: list[list[TrainingView]]
+) -> None:
     trained = train_jointly(noisy, seen, SETTINGS, seed=1)
     assert len(trained) == len(noisy)
     for frame in trained[1:]:

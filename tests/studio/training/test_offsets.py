@@ -9,7 +9,8 @@ import torch
 from tests.studio.training.test_group import ball, loss_of, views
 from tests.support.errors import refuses
 from tests.support.splats import Checkpoints
-from v3studio.studio.training import LearningRates, TrainSettings
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.training import LearningRates, TrainingView, TrainSettings
 from v3studio.studio.training.offsets import SplatOffsets, train_offsets
 
 MOVES = (torch.zeros(3), torch.tensor([0.1, 0.0, 0.05]))
@@ -18,16 +19,18 @@ KEPT = torch.arange(0, 300, 3)
 
 
 @pytest.fixture(scope="module")
-def frames():
+def frames() -> list[Gaussians]:
     return [ball(move) for move in MOVES]
 
 
 @pytest.fixture(scope="module")
-def seen():
+def seen() -> list[list[TrainingView]]:
     return [views(move) for move in MOVES]
 
 
-def test_the_others_are_covered_in_all_frames_and_paths_stay(frames, seen):
+def test_the_others_are_covered_in_all_frames_and_paths_stay(
+    frames: list[Gaussians], seen: list[list[TrainingView]]
+) -> None:
     offsets = train_offsets(frames[:1], seen[:1], KEPT, 0, SETTINGS, 30)
     cut = [offsets.selected(frame) for frame in frames]
     tuned = [offsets.applied(frame) for frame in cut]
@@ -37,7 +40,9 @@ def test_the_others_are_covered_in_all_frames_and_paths_stay(frames, seen):
     assert (tuned[0].scales > cut[0].scales).float().mean() > 0.8
 
 
-def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen, monkeypatch):
+def test_offsets_resume_from_each_checkpoint_bit_for_bit(
+    frames: list[Gaussians], seen: list[list[TrainingView]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 5)
     kept = Checkpoints()
     whole = train_offsets(frames, seen, KEPT, 0, SETTINGS, 13, seed=4, checkpoint=kept)
@@ -48,7 +53,7 @@ def test_offsets_resume_from_each_checkpoint_bit_for_bit(frames, seen, monkeypat
             assert torch.equal(value, resumed.to_tensors()[name]), name
 
 
-def test_offsets_are_in_each_splats_own_units():
+def test_offsets_are_in_each_splats_own_units() -> None:
     frame = ball(torch.zeros(3))[:2]
     turned = replace(frame, quats=torch.tensor([[1.0, 0, 0, 0], [0, 0, 0, 3.0]]))
     none = SplatOffsets.zeros(torch.tensor([1]), 0)
@@ -60,7 +65,7 @@ def test_offsets_are_in_each_splats_own_units():
     assert torch.allclose(found, torch.tensor([[0, 0, half, half]]), atol=1e-6)
 
 
-def test_offsets_of_other_splats_are_refused(frames):
+def test_offsets_of_other_splats_are_refused(frames: list[Gaussians]) -> None:
     with refuses("training.offsets_mismatch", value=[300, 0], expected=[299, 0]):
         SplatOffsets.zeros(torch.tensor([0, 300]), 0).selected(frames[0])
     with refuses("training.offsets_mismatch"):

@@ -35,7 +35,7 @@ def both(
     ("size", "weight"),
     [((1, 1), 0.2), ((1, 40), 0.2), ((40, 1), 1.0), ((11, 11), 0.0), ((17, 130), 1.0), ((135, 64), 0.2)],
 )
-def test_value_and_gradient(size, weight):
+def test_value_and_gradient(size: tuple[int, int], weight: float) -> None:
     loss, gradient, true_loss, true_gradient = both(*pair(*size), weight)
     torch.testing.assert_close(loss, true_loss, rtol=1e-5, atol=1e-7)
     assert (gradient - true_gradient).norm() <= 1e-5 * true_gradient.norm()

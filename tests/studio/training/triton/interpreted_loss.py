@@ -10,7 +10,7 @@ from v3studio.studio.training.triton.loss import photometric_loss_triton
 
 
 @pytest.mark.parametrize(("size", "weight"), [((1, 19), 0.2), ((14, 9), 0.0), ((17, 23), 0.2)])
-def test_value_and_gradient(size, weight) -> None:
+def test_value_and_gradient(size: tuple[int, int], weight: float) -> None:
     image, target = pair(*size)
     with torch.no_grad():
         image[0, 0] = target[0, 0]  # no difference: the L1 term has no gradient there

@@ -81,7 +81,9 @@ class OnGpu(torch.nn.Parameter):
     ("name", "dtype"),
     [("loss", torch.float32), ("coded", torch.float32), ("field", torch.float32), ("field", torch.float64)],
 )
-def test_the_choice_on_a_gpu(name, dtype, backends, monkeypatch):
+def test_the_choice_on_a_gpu(
+    name: str, dtype: torch.dtype, backends: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     chosen = []
     by_triton, by_torch = (lambda *_, kernel=kernel: chosen.append(kernel) for kernel in ("triton", "torch"))
     functions = ("photometric_loss_triton", "coded_loss_triton", "motion_field_triton")
