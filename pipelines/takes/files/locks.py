@@ -18,6 +18,7 @@ from v3studio.studio.json_types import JsonObject
 
 _WITHOUT_LOCKS = threading.RLock()
 """What threads of this process lock instead, on a file system that has no locks."""
+_LARGEST_PID = 2**31 - 1
 
 
 @contextmanager
@@ -46,8 +47,8 @@ def held(
     tell: Callable[[Message], None] | None = None,
     **about: str,
 ) -> Iterator[None]:
-    """Lock a file for this process, whose `pid` and `host` are written to it with `about`. `refused` makes what is
-    raised if another process holds it, of what `holder_of` says. `tell`: as in `lock`."""
+    """Lock a file for this process, whose `pid`, `host` and start are written to it with `about`. `refused` makes what
+    is raised if another process holds it, of what `holder_of` says. `tell`: as in `lock`."""
     with path.open("a") as file:
         for _ in range(5):  # who only asks whether it is locked holds it briefly
             with contextlib.suppress(BlockingIOError):
@@ -59,7 +60,8 @@ def held(
         if not free:
             raise refused(holder_of(path) or {})
         file.truncate(0)
-        file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname(), **about}))
+        me = os.getpid()
+        file.write(json.dumps({"pid": me, "host": socket.gethostname(), "began": _began(me), **about}))
         file.flush()
         try:
             yield
@@ -91,7 +93,15 @@ def _said(text: str) -> JsonObject:
 
 
 def _runs(holder: JsonObject, anywhere: bool) -> bool:
+    pid, here = holder.get("pid"), holder.get("host") == socket.gethostname()
+    return isinstance(pid, int) and (_began(pid) in (holder.get("began", ""), "?") if here else anywhere)
+
+
+def _began(pid: int) -> str | None:
+    """When a process of this machine began, in the kernel's ticks: one that gets its number later differs. None: there
+    is none; "?": the system does not say."""
     import psutil
 
-    pid, here = holder.get("pid"), holder.get("host") == socket.gethostname()
-    return isinstance(pid, int) and (psutil.pid_exists(pid) if here else anywhere)
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[19]
+    return "?" if pid <= _LARGEST_PID and psutil.pid_exists(pid) else None

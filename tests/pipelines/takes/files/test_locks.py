@@ -1,5 +1,6 @@
 """On a file system without locks, everything works, and it is said once what cannot be promised."""
 
+import json
 import os
 import socket
 import subprocess
@@ -50,14 +51,24 @@ def test_a_process_of_this_machine_still_holds_its_lock(tmp_path: Path) -> None:
     told: list[Message] = []
     path = tmp_path / "lock"
     with held(path, refused, told.append, command="one"):
-        assert holder_of(path) == {"pid": os.getpid(), "host": socket.gethostname(), "command": "one"}
+        holder = holder_of(path)
+        assert holder is not None
+        assert (holder["pid"], holder["host"], holder["command"]) == (os.getpid(), socket.gethostname(), "one")
         with refuses("take.locked"), held(path, refused):
             pass
     assert [message.code for message in told] == ["files.no_locks"]
     ended = subprocess.Popen([sys.executable, "-S", "-c", ""])
     ended.wait()
-    for holder in ({"pid": ended.pid, "host": socket.gethostname()}, {"pid": 1, "host": "elsewhere"}, "damaged"):
-        path.write_text(str(holder).replace("'", '"'))
+    here = {"host": socket.gethostname(), "began": "1"}
+    another = {"pid": os.getpid(), **here}  # after a crash and a restart, its number is that of this process
+    for gone in (
+        {"pid": ended.pid, **here},
+        another,
+        {"pid": 10**30, **here},
+        {"pid": 1, "host": "elsewhere"},
+        "damaged",
+    ):
+        path.write_text(json.dumps(gone))
         assert holder_of(path) is None
         with held(path, refused):
             pass
