@@ -125,7 +125,8 @@ def plot_style(**settings: Any) -> Iterator[None]:
 
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update({name.replace("_", "."): value for name, value in settings.items()})
+        named: Any = {name.replace("_", "."): value for name, value in settings.items()}
+        matplotlib.rcParams.update(named)
         yield
 
 
