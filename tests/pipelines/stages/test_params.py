@@ -61,7 +61,7 @@ def test_settings_of_a_stage_are_settings_of_its_groups(stage: Stage, finished: 
     inputs = Inputs(take, load_config(take.config, MOST))
     code = stage.group_code
     whole = asked(lambda: code.params(inputs))
-    assert whole
+    assert whole or stage.name not in ("initialize", "train", "bake", "evaluate")  # others may have no settings
     missing = whole - asked(lambda: code.group_key(inputs, inputs.groups[0]))
     # fine-tuned renditions have training views, too; groups depend on the rate of the footage, wherever it is from
     published = set(PUBLISHED) - {"capture.held_out"} | {"capture.fps"}
