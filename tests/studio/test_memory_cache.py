@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -36,7 +37,7 @@ def test_the_least_recently_used_values_are_dropped_first() -> None:
 
 
 def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
-    cache: MemoryCache[str, int] = MemoryCache(math.inf)
+    cache: MemoryCache[object, int] = MemoryCache(math.inf)
     made: list[str] = []
     begun, wait = threading.Event(), threading.Event()
 
@@ -53,9 +54,12 @@ def test_values_are_made_once_and_keys_do_not_wait_for_each_other() -> None:
         wait.set()
         assert [result.result() for result in results] == [1, 1, 1]
     assert made == ["slow"]
+    wrong = threading.Event()  # any key that can be referenced weakly
+    kept = weakref.ref(wrong)
     with pytest.raises(ZeroDivisionError):
-        cache.get_or_make("wrong", lambda key: 1 // 0)
-    assert not cache._making
+        cache.get_or_make(wrong, lambda key: 1 // 0)
+    del wrong
+    assert kept() is None
 
 
 def test_after_failures_a_value_is_still_made_by_one_thread_at_a_time() -> None:
