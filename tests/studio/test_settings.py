@@ -50,7 +50,7 @@ def test_no_setting_is_declared_in_two_models() -> None:
             if name in model.model_fields:
                 homes.setdefault(name, set()).add(model)
     assert len(homes) > 100
-    twice = {name for name, found in homes.items() if len(found) > 1}
+    twice = {name for name, places in homes.items() if len(places) > 1}
     # evaluate.background is for evaluation, train.background for training; train.rates.scale is a learning rate
     assert twice == {"background", "scale"}
 
@@ -59,14 +59,14 @@ def dataclass_defaults(path: Path) -> Iterator[tuple[str, str]]:
     """(class, field) of the fields with a default of the dataclasses in a file."""
     text = path.read_text(encoding="utf-8")
     for node in ast.walk(ast.parse(text)) if "@dataclass" in text else ():
-        if isinstance(node, ast.ClassDef) and any("dataclass" in ast.unparse(one) for one in node.decorator_list):
+        if isinstance(node, ast.ClassDef) and "dataclass" in "".join(map(ast.unparse, node.decorator_list)):
             for item in node.body:
                 if isinstance(item, ast.AnnAssign) and item.value is not None:
                     yield node.name, ast.unparse(item.target)
 
 
-RESULTS_OF_THE_SAME_NAME = {"Evaluation.held_out", "StreamMetadata.view_range"}
-"""Result fields with the name of a setting: whether the measured cameras were held out, and what was found."""
+RESULTS_OF_THE_SAME_NAME = {"Evaluation.held_out", "StreamMetadata.view_range", "VideoWriter.sh_degree"}
+"""Fields named like a setting: results (what was held out, and the range that was seen), and an option of `export`."""
 
 
 def test_no_dataclass_repeats_a_setting() -> None:
@@ -74,14 +74,14 @@ def test_no_dataclass_repeats_a_setting() -> None:
     root = Path(__file__).parents[2]
     names = {last for name in FIELDS if "_" in (last := name.rsplit(".", 1)[-1])}
     assert len(names) > 70
-    found = [
+    repeated = [
         f"{path.relative_to(root)}: {owner}.{name}"
         for package in ("studio", "pipelines", "gui")
         for path in sorted((root / package).rglob("*.py"))
         for owner, name in dataclass_defaults(path)
         if name in names and f"{owner}.{name}" not in RESULTS_OF_THE_SAME_NAME
     ]
-    assert not found, "\n".join(found)
+    assert not repeated, "\n".join(repeated)
 
 
 @pytest.mark.parametrize("name", sorted(FIELDS))
@@ -104,18 +104,19 @@ def test_what_settings_affect_is_what_stages_ask_for() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "settings_affecting"
     )
-    asked = {one.value for call in calls for one in ast.walk(call) if isinstance(one, ast.Constant)}
+    asked = {node.value for call in calls for node in ast.walk(call) if isinstance(node, ast.Constant)}
     asked.add("grouping")  # stages compare where groups begin instead
     assert {result for results in affected(Config).values() for result in results} == asked
 
 
 def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() -> None:
-    found = affected(Config)
-    assert found["train.max_splats"] == ("keyframe",)
-    assert found["train.motion_views"] == ("later_frames",)
-    assert found["train.rates.opacity"] == ("keyframe",)  # from the class that contains it
-    assert found["run.check_footage"] == found["run.threads"] == ()
-    assert found["calibrate.board.square"] == found["calibrate.board.kind"]  # from the field that contains its model
+    affects = affected(Config)
+    assert affects["train.max_splats"] == ("keyframe",)
+    assert affects["train.motion_views"] == ("later_frames",)
+    assert affects["train.rates.opacity"] == ("keyframe",)  # from the class that contains it
+    assert affects["run.check_footage"] == affects["run.threads"] == ()
+    # from the field that contains its model
+    assert affects["calibrate.board.square"] == affects["calibrate.board.kind"]
 
 
 @pytest.mark.parametrize(
