@@ -17,15 +17,15 @@ def drawn() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 def test_without_ridge_it_is_least_squares() -> None:
     premultiplied, alpha, target = drawn()
     weights = torch.arange(400) % 3 > 0
-    found = fit_color(premultiplied, alpha, target, weights)
+    fit = fit_color(premultiplied, alpha, target, weights)
     base = np.concatenate([premultiplied, alpha[:, None]], 1)[weights.numpy()]
-    assert np.allclose(found.T, np.linalg.lstsq(base, target[weights].numpy(), rcond=None)[0], atol=1e-9)
+    assert np.allclose(fit.T, np.linalg.lstsq(base, target[weights].numpy(), rcond=None)[0], atol=1e-9)
 
 
 def test_what_the_colors_do_not_determine_stays_neutral() -> None:
     gray = torch.full((50, 3), 0.5)
-    found = fit_color(gray, torch.ones(50), gray)
-    assert torch.allclose(found, neutral(), atol=1e-9)
+    fit = fit_color(gray, torch.ones(50), gray)
+    assert torch.allclose(fit, neutral(), atol=1e-9)
     assert torch.allclose(fit_color(gray[:0], torch.ones(0), gray[:0]), neutral())
 
 

@@ -68,7 +68,7 @@ def test_a_limit_of_the_session_that_cannot_do_is_refused(
 ) -> None:
     """The limit that the sentence asks for is enough; more threads need more."""
     limits = {kind: 400_000 << 10}
-    monkeypatch.setattr(resource, "getrlimit", lambda one: (limits.get(one, resource.RLIM_INFINITY),) * 2)
+    monkeypatch.setattr(resource, "getrlimit", lambda limit: (limits.get(limit, resource.RLIM_INFINITY),) * 2)
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     asked = []
     for threads in ("1", "16"):
@@ -76,8 +76,8 @@ def test_a_limit_of_the_session_that_cannot_do_is_refused(
         limits[kind] = 400_000 << 10
         with refuses("memory.limit_too_low", value=400_000 << 10) as caught:
             require_memory()
-        found = re.search(rf"ulimit {option} ([0-9]+)", str(caught.value))
-        asked.append(int(found[1]))
+        advised = re.search(rf"ulimit {option} ([0-9]+)", str(caught.value))
+        asked.append(int(advised[1]))
         limits[kind] = asked[-1] << 10
         require_memory()
     assert asked[0] < asked[1]

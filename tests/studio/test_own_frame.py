@@ -53,15 +53,15 @@ def test_ordinary_cameras_stay_and_others_become_ordinary(
     rig = ring(radius, middle)
     frame = own_frame(rig)
     assert (frame.scale != 1, bool(frame.translation.any())) == (scaled, moved)
-    found = in_own_frame(rig)
-    assert (found is rig) == (not scaled and not moved) == (frame_sentence(frame) is None)
-    size = np.linalg.norm(found.centers - found.centers.mean(axis=0), axis=1).max()
+    moved_rig = in_own_frame(rig)
+    assert (moved_rig is rig) == (not scaled and not moved) == (frame_sentence(frame) is None)
+    size = np.linalg.norm(moved_rig.centers - moved_rig.centers.mean(axis=0), axis=1).max()
     assert 0.5 <= size <= 32
-    assert np.linalg.norm(found.centers.mean(axis=0)) <= 64 * size
-    again = own_frame(found)
+    assert np.linalg.norm(moved_rig.centers.mean(axis=0)) <= 64 * size
+    again = own_frame(moved_rig)
     assert (again.scale, again.translation.any()) == (1, False)
     point = np.asarray(middle) + radius * np.array([0.1, -0.2, 0.3])
-    for before, after in zip(rig, found, strict=True):
+    for before, after in zip(rig, moved_rig, strict=True):
         pixels = [camera.project(points[None])[0] for camera, points in ((before, point), (after, frame.points(point)))]
         np.testing.assert_allclose(pixels[1], pixels[0], atol=1e-4)
     np.testing.assert_allclose(frame.inverse.after(frame).points(point), point)
@@ -86,8 +86,8 @@ def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path: Pat
     for suffix in (".ply", ".glb"):
         export_sequence(take, tmp_path / suffix[1:], suffix)
     rows = PlyData.read(str(tmp_path / "ply" / "frame_0000.ply"))["vertex"]
-    found = np.stack([rows[name] for name in "xyz"], axis=1)
-    np.testing.assert_allclose(found, meant, atol=1e-6 * original.scale)
+    points = np.stack([rows[name] for name in "xyz"], axis=1)
+    np.testing.assert_allclose(points, meant, atol=1e-6 * original.scale)
     np.testing.assert_allclose(rows["scale_1"], sizes[:, 1], atol=1e-5)
     data = (tmp_path / "glb" / "frame_0000.glb").read_bytes()
     head = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
@@ -109,12 +109,12 @@ def test_imports_far_away_get_their_own_frame_and_exports_undo_it(
         export_sequence(take, tmp_path / "far", ".ply")
     else:
         export_videogs(take, tmp_path / "far", qp=0)
-    found = open_import(tmp_path / "far")
-    splats = found.read(0)
+    imported = open_import(tmp_path / "far")
+    splats = imported.read(0)
     assert splats.means.abs().max() < 8
-    assert any("far from zero" in note for note in found.notes)
-    assert not any("steps" in note for note in found.notes)
-    bake_video(found, tmp_path / "stream", BakeSettings(quality=0))
+    assert any("far from zero" in note for note in imported.notes)
+    assert not any("steps" in note for note in imported.notes)
+    bake_video(imported, tmp_path / "stream", BakeSettings(quality=0))
     with StreamReader.open(tmp_path / "stream") as reader:
         decoded = decoded_video(reader)
         export_sequence(decoded, tmp_path / "back", ".ply")
@@ -131,18 +131,18 @@ def test_files_for_viewers_have_the_units_but_not_the_place(tmp_path: Path, orig
     take = video(original)
     rotation = axes_of(take, (0, 1, 0), True)
     export_sequence(take, tmp_path / "spz", ".spz", rotation)
-    found = read_splats(tmp_path / "spz" / "frame_0000.spz").means.numpy()
+    means = read_splats(tmp_path / "spz" / "frame_0000.spz").means.numpy()
     meant = original.scale * take.read(0).means.numpy() @ rotation.T
-    np.testing.assert_allclose(found, meant, atol=1e-3 * original.scale)
+    np.testing.assert_allclose(means, meant, atol=1e-3 * original.scale)
     with refuses("splat_file.position_range"):  # no more digits than for whole meters
         export_sequence(take, tmp_path / "far", ".spz")
 
 
 def test_the_stream_knows_where_it_was(original: Similarity) -> None:
     values = json.loads(json.dumps(StreamMetadata(original=original).to_json()))
-    found = StreamMetadata.from_json(values).original
-    assert found.scale == original.scale
-    np.testing.assert_array_equal(found.translation, original.translation)
+    read = StreamMetadata.from_json(values).original
+    assert read.scale == original.scale
+    np.testing.assert_array_equal(read.translation, original.translation)
     assert "original" not in StreamMetadata().to_json()
     for damaged in ("far", {"scale": 0}, {**values["original"], "rotation": [0, 1, 0, 0]}):
         assert StreamMetadata.from_json({"original": damaged}).original.is_identity

@@ -36,8 +36,8 @@ def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(
     page.wait("(seen.looped ?? []).length")
     assert not page.seen("notice")
     engine = "document.querySelector('v3-player').engine"
-    found = page.evaluate(f"() => [isSecureContext, {engine}.stream.path, {engine}.info.checksums]")
-    assert found == [False, "video", False]
+    state = page.evaluate(f"() => [isSecureContext, {engine}.stream.path, {engine}.info.checksums]")
+    assert state == [False, "video", False]
 
 
 def test_a_decoder_that_is_not_exact_is_not_used(site: Site, baked: Baked, open_page: OpenPage) -> None:

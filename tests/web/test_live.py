@@ -58,7 +58,7 @@ def test_a_live_stream_is_followed(site: Site, baked: Baked, open_page: OpenPage
 def test_a_paused_page_gets_the_best_rendition(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(ladder=(16, 34), lengths=(5, 4, 3), paged=True), site.stream)
     manifest = json.loads((site.stream / "manifest.json").read_bytes())
-    videos = [one["video"]["path"] for one in manifest["groups"][0]["renditions"]]
+    videos = [rendition["video"]["path"] for rendition in manifest["groups"][0]["renditions"]]
     site.bytes_per_second = 60_000  # below the rate of the better rendition
     page = open_page("?t=0.04")
     first = [path for path, _ in site.requests].index

@@ -288,14 +288,14 @@ def test_an_engine_shows_the_performer_among_meshes(package_site: Site, open_pag
         page.evaluate(DRAWN)
     splats = support.decoded(package_site.stream, 6, 8)
     splats.append(splats[0].with_sh_degree(splats[0].sh_degree - 1))
-    want, other, less = (support.draw(one, view) for one in splats)
-    found, deadline = 0.0, time.monotonic() + 120
-    while found <= 36 and time.monotonic() < deadline:  # engines sort in a worker, which a busy machine delays
+    want, other, less = (support.draw(splats_of, view) for splats_of in splats)
+    similarity, deadline = 0.0, time.monotonic() + 120
+    while similarity <= 36 and time.monotonic() < deadline:  # engines sort in a worker, which a busy machine delays
         alone = shot()
-        found = psnr(alone.astype(np.uint8), want)
-    assert found > 36, found
+        similarity = psnr(alone.astype(np.uint8), want)
+    assert similarity > 36, similarity
     for wrong in (other, less):  # another frame, and fewer harmonics, would be noticed
-        assert psnr(alone.astype(np.uint8), wrong) < found - 3
+        assert psnr(alone.astype(np.uint8), wrong) < similarity - 3
 
     nothing = shot(figure=False)
     differs = lambda a, b: np.abs(a - b).max(axis=2) > 40  # noqa: E731

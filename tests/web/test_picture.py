@@ -85,9 +85,9 @@ def test_each_group_is_rendered_with_its_dilation(site: Site, baked: Baked, open
         (gaussians,) = support.decoded(site.stream, frame)
         assert gaussians.dilation == dilation
         page.seek_frame(frame)
-        found = page.picture(support.camera_values(view))
-        assert psnr(found, support.draw(gaussians, view)) >= PSNR
-        assert psnr(found, support.draw(replace(gaussians, dilation=0.3), view)) < PSNR - 10  # it would be seen
+        picture = page.picture(support.camera_values(view))
+        assert psnr(picture, support.draw(gaussians, view)) >= PSNR
+        assert psnr(picture, support.draw(replace(gaussians, dilation=0.3), view)) < PSNR - 10  # it would be seen
 
 
 def test_planes_without_webcodecs_say_why_not(site: Site, baked: Baked, open_page: OpenPage) -> None:

@@ -68,7 +68,7 @@ def test_damaged_groups_are_left_out(site: Site, baked: Baked, open_page: OpenPa
     notices = page.seen("notice")
     assert len(notices) == 3
     for file, group in zip(files, (1, 3, 5), strict=True):  # fetched in parallel, so in any order
-        (notice,) = [one for one in notices if f"files/{file.name}" in one]
+        (notice,) = [notice_text for notice_text in notices if f"files/{file.name}" in notice_text]
         assert f"Frames {3 * group} to {3 * group + 2} are skipped." in notice
     # Seeking into one continues with what follows.
     page.call("pause")

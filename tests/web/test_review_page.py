@@ -96,7 +96,7 @@ def test_curves_and_figures_are_those_of_the_evaluation(page: Page, take: Take) 
     page.wait("player.state.frame === 2")
     shown = page.handle.locator(".v3-review .plot.quality .tick").all_inner_texts()
     assert len(shown) >= 2
-    assert all(low <= float(one) <= high for one in shown)
+    assert all(low <= float(value) <= high for value in shown)
     page.handle.get_by_text("Numbers", exact=True).click()
 
 
@@ -110,8 +110,8 @@ def test_a_comment_at_a_place_in_the_image(page: Page, take: Take) -> None:
     pin = page.handle.locator("v3-player .pins i")
 
     def at():
-        found = pin.bounding_box()
-        return [found["x"] + found["width"] / 2, found["y"] + found["height"] / 2]
+        box = pin.bounding_box()
+        return [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
 
     assert at() == pytest.approx([x, y], abs=1)
     page.handle.get_by_role("button", name="Save").click()

@@ -45,8 +45,8 @@ def plays_right(page: Page, stream: Path) -> None:
 
 def head(page: Page) -> tuple[str, str]:
     """Title and credits as they are shown."""
-    found = page.handle.locator("v3-player .head")
-    return found.locator(".title").inner_text(), found.locator(".credits").inner_text()
+    heading = page.handle.locator("v3-player .head")
+    return heading.locator(".title").inner_text(), heading.locator(".credits").inner_text()
 
 
 def fetched_once(page: Page, manifest: str, stream: Path) -> None:

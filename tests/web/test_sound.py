@@ -73,7 +73,7 @@ def test_loops_have_no_gap(sounding: Path, open_page: OpenPage) -> None:
     page.call("pause")
     clicks = page.evaluate("() => window.clicks")
     apart = [after - before for before, after in itertools.pairwise(clicks)]
-    assert sum(abs(one - 9 / FPS) < 0.001 for one in apart) >= 4, apart
+    assert sum(abs(gap - 9 / FPS) < 0.001 for gap in apart) >= 4, apart
 
 
 def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(sounding: Path, open_page: OpenPage) -> None:
@@ -95,7 +95,7 @@ def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(soundi
     with StreamReader.open(sounding) as reader:
         data, entry = reader.audio_bytes(), reader.manifest.audio
     # The encoder's delay is skipped by the browser's decoder as by ours.
-    found = page.evaluate(
+    state = page.evaluate(
         """async (text) => {
           const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
           const sound = await new OfflineAudioContext(1, 1, 48000).decodeAudioData(bytes.buffer);
@@ -104,8 +104,8 @@ def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(soundi
           return [samples.findIndex((value) => Math.abs(value) > loudest / 3) / 48000, samples.length]; }""",
         base64.b64encode(data).decode(),
     )
-    assert found[0] == pytest.approx(CLICK, abs=0.001)
-    assert found[1] >= entry.samples
+    assert state[0] == pytest.approx(CLICK, abs=0.001)
+    assert state[1] >= entry.samples
     page.call("seek", 0)
     page.evaluate(FAKE)
     page.call("play")

@@ -33,10 +33,10 @@ def two(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Takes:
 
 def test_it_measures_what_the_evaluation_measures(two: Takes, here: Here, tmp_path: Path) -> None:
     done = here("compare", *two, "--out", tmp_path / "out").ok()
-    found = json.loads((tmp_path / "out" / "comparison.json").read_text())
-    fine, coarse = found["takes"]
+    comparison = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    fine, coarse = comparison["takes"]
     evaluation = read_evaluation(Take.open(two[0]).evaluation)
-    assert (found["protocol"]["cameras"], found["protocol"]["frames"]) == (["cam4"], [0, 1, 2, 3, 4])
+    assert (comparison["protocol"]["cameras"], comparison["protocol"]["frames"]) == (["cam4"], [0, 1, 2, 3, 4])
     assert fine["measures"]["psnr"] == pytest.approx(evaluation.summary.psnr_decoded, abs=2e-3)
     assert fine["measures"]["ssim"] == pytest.approx(evaluation.summary.ssim_decoded, abs=2e-4)
     assert fine["total_bytes"] == evaluation.protocol.total_bytes
@@ -44,9 +44,9 @@ def test_it_measures_what_the_evaluation_measures(two: Takes, here: Here, tmp_pa
     assert coarse["measures"]["psnr"] < fine["measures"]["psnr"]
     assert fine["measures"]["psnr_color_fit"] != fine["measures"]["psnr"]
     # groups of three frames: one border
-    assert [one["group_border"] for one in fine["flicker_by_frame"]] == [False, False, True, False]
-    assert fine["flicker"] == pytest.approx(np.mean([one["flicker"] for one in fine["flicker_by_frame"]]), abs=1e-3)
-    compared = [one["flicker"] for one in fine["flicker_by_frame"]]
+    assert [pair["group_border"] for pair in fine["flicker_by_frame"]] == [False, False, True, False]
+    assert fine["flicker"] == pytest.approx(np.mean([pair["flicker"] for pair in fine["flicker_by_frame"]]), abs=1e-3)
+    compared = [pair["flicker"] for pair in fine["flicker_by_frame"]]
     assert evaluation.frames[0].flicker is None
     assert [row.flicker for row in evaluation.frames[1:]] == pytest.approx(compared, rel=1e-3)
     assert evaluation.summary.flicker_at_group_borders == evaluation.frames[3].flicker
@@ -115,8 +115,8 @@ compare([Path(sys.argv[1]), Path(sys.argv[2])], Path(sys.argv[3]), PROTOCOLS["bo
 
 def killed(*arguments: Path) -> None:
     """Compare two takes in another process, which is killed when it begins with the fourth frame."""
-    found = warm_python().run(("-c", KILLED_IN_FRAME_3, *map(str, arguments)), env=environment())
-    assert found.returncode == -signal.SIGKILL, found.stderr
+    killed = warm_python().run(("-c", KILLED_IN_FRAME_3, *map(str, arguments)), env=environment())
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
 
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> Mock:

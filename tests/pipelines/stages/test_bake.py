@@ -18,12 +18,12 @@ def test_a_take_is_baked_as_a_ladder(here: Here, copied: Path) -> None:
     rungs = "[{qp: 20}, {qp: 34}, {qp: 30, splats: 0.5, sh_degree: 0, finetune_iterations: 10}]"
     here("bake", take, "--bake.ladder", rungs).ok()
     manifest = manifest_of(take)
-    assert [one["id"] for one in manifest["renditions"]] == ["qp20", "qp34", "qp30-splats50-sh0"]
+    assert [rendition["id"] for rendition in manifest["renditions"]] == ["qp20", "qp34", "qp30-splats50-sh0"]
     best, coarse, phone = manifest["renditions"]
     assert best["psnr_to_trained"] > coarse["psnr_to_trained"] > 10
     assert phone["psnr_to_trained"] > 10
     assert phone["splats"] < best["splats"]
-    assert [one["pruning"] for one in manifest["renditions"]] == ["none", "none", "fine-tuned"]
+    assert [rendition["pruning"] for rendition in manifest["renditions"]] == ["none", "none", "fine-tuned"]
     assert all(name == "manifest.json" or name.startswith("files/") for name in contents(take / "stream"))
     with StreamReader.open(take / "stream") as reader:
         assert not check_stream(reader).damage
@@ -37,7 +37,7 @@ def test_a_take_is_baked_as_a_ladder(here: Here, copied: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in tuned} == tuned
     kept = {f"files/{name}" for name, _ in inodes(take).items() & ladder.items()}
     best = [group["renditions"][0] for group in manifest_of(take)["groups"]]
-    assert {one[kind]["path"] for one in best for kind in ("side", "video")} <= kept
+    assert {rendition[kind]["path"] for rendition in best for kind in ("side", "video")} <= kept
     assert len(inodes(take)) <= 12
 
     here("evaluate", take).ok()

@@ -45,15 +45,15 @@ def groups_of(take: Take) -> Groups:
 @pytest.fixture
 def published(monkeypatch: pytest.MonkeyPatch, take: Take) -> list[Groups]:
     """What has been published so far, as `groups_of` tells it."""
-    found = []
+    groups = []
     publish = live_bake.publish
 
     def watched(*arguments: object) -> None:
         publish(*arguments)
-        found.append(groups_of(take))
+        groups.append(groups_of(take))
 
     monkeypatch.setattr(live_bake, "publish", watched)
-    return found
+    return groups
 
 
 def live(take: Take, finished: set[int], events: list[Event] | None = None, **settings: object) -> LiveBake:

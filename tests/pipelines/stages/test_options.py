@@ -50,6 +50,6 @@ def test_sync_by_timecode_prints_the_offsets_to_set(here: Here, tmp_path: Path) 
     lines = here("sync", tmp_path / "two.yaml", "--method", "timecode").ok().stdout.splitlines()
     assert lines[:2] == ["left: +0 frames (timecode 23:59:59:24)", "right: -3 frames (timecode 00:00:00:02)"]
     assert lines[-1] == "capture: {offsets: {right: -3}}"
-    found = here("sync", tmp_path / "two.yaml", "--method", "timecode", "--json").result
-    assert found["timecodes"] == {"left": "23:59:59:24", "right": "00:00:00:02"}
-    assert found["whole"] == {"right": -3}
+    result = here("sync", tmp_path / "two.yaml", "--method", "timecode", "--json").result
+    assert result["timecodes"] == {"left": "23:59:59:24", "right": "00:00:00:02"}
+    assert result["whole"] == {"right": -3}

@@ -47,33 +47,33 @@ def test_psnr_is_that_of_opencv_over_the_background(background: tuple[float, flo
     pair = ViewPair.of(splats(), camera(), noisy, mask, background)
     truth = np.where(mask[..., None] > 0, noisy / 255, np.array(background))
     assert np.allclose(pair.footage, truth, atol=1e-6)
-    found = measure(pair)
-    assert found["psnr"] == pytest.approx(cv2.PSNR(truth, pair.rendered.astype(float), 1.0), abs=1e-3)
+    measures = measure(pair)
+    assert measures["psnr"] == pytest.approx(cv2.PSNR(truth, pair.rendered.astype(float), 1.0), abs=1e-3)
     rows, columns = padded_box(mask, 8)
     box = measure(ViewPair.of(splats(), camera(), noisy, mask, background, (rows, columns)))
     expected = cv2.PSNR(truth[rows, columns], pair.rendered[rows, columns].astype(float), 1.0)
     assert box["psnr"] == pytest.approx(expected, abs=1e-3)
     # outside the box all is background, so both have the same squared error in total
     ratio = WIDTH * HEIGHT / ((rows.stop - rows.start) * (columns.stop - columns.start))
-    assert found["psnr"] - box["psnr"] == pytest.approx(10 * math.log10(ratio), abs=0.05)
+    assert measures["psnr"] - box["psnr"] == pytest.approx(10 * math.log10(ratio), abs=0.05)
 
 
 def test_thin_performers_have_no_interior() -> None:
     image, mask = filmed()
     thin = np.zeros_like(mask)
     thin[:, 30:33] = 255
-    found = measure(ViewPair.of(splats(), camera(), image, thin, (0, 0, 0)))
-    assert "psnr_interior" not in found
-    assert "psnr_outline" in found
+    measures = measure(ViewPair.of(splats(), camera(), image, thin, (0, 0, 0)))
+    assert "psnr_interior" not in measures
+    assert "psnr_outline" in measures
 
 
 def test_a_color_fit_finds_the_colors_of_another_camera_but_no_detail() -> None:
     change = np.array([[0.9, 0.05, 0, 0.02], [0, 1.1, 0, -0.03], [0.03, 0, 0.8, 0.04]])
     image, mask = filmed(change)
     pair = ViewPair.of(splats(), camera(), image, mask, (0, 0, 0), fit=True)
-    found = measure(pair)
-    assert found["psnr"] < 32
-    assert found["psnr_color_fit"] > found["psnr"] + 3
+    measures = measure(pair)
+    assert measures["psnr"] < 32
+    assert measures["psnr_color_fit"] > measures["psnr"] + 3
     inside = mask > 127
     # plain least squares on the performer, by NumPy
     render = rasterize(splats(), camera(), torch.zeros(3))

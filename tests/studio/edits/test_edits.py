@@ -54,9 +54,9 @@ def test_the_shortest_rotation(end: tuple[float, float, float]) -> None:
 
 
 def test_where_a_stream_lies_in_its_take_is_read_back() -> None:
-    found = StreamMetadata.from_json(StreamMetadata(capture=CapturePlace(7, WORLD)).to_json()).capture
-    assert found.first_frame == 7
-    assert np.allclose(found.world.points(np.eye(3)), WORLD.points(np.eye(3)))
+    place = StreamMetadata.from_json(StreamMetadata(capture=CapturePlace(7, WORLD)).to_json()).capture
+    assert place.first_frame == 7
+    assert np.allclose(place.world.points(np.eye(3)), WORLD.points(np.eye(3)))
     for wrong in (3, {}, {"scale": 0}, {**CapturePlace(0, WORLD).to_json(), "first_frame": -1}):
         assert StreamMetadata.from_json({"capture": wrong}).capture is None
     assert "capture" not in StreamMetadata().to_json()
@@ -134,8 +134,8 @@ def test_floaters_are_small_clusters_and_faint_splats() -> None:
     means = np.concatenate([body, clump, lone])
     opacities = np.ones(len(means))
     opacities[:10] = 0.01
-    found = select(EditList(floaters=Floaters(share=0.05, distance=0.2)), still(means, opacities))
-    assert np.flatnonzero(found.kinds["loose"]).tolist() == list(range(900, 932))
+    selection = select(EditList(floaters=Floaters(share=0.05, distance=0.2)), still(means, opacities))
+    assert np.flatnonzero(selection.kinds["loose"]).tolist() == list(range(900, 932))
     few = select(EditList(floaters=Floaters(splats=10, opacity=0.05, distance=0.2)), still(means, opacities))
     assert np.flatnonzero(few.kinds["loose"]).tolist() == [930, 931]
     assert np.flatnonzero(few.kinds["faint"]).tolist() == list(range(10))

@@ -42,11 +42,11 @@ def test_over_the_samples_it_is_the_plate(tmp_path: Path, make_video: MakeVideo,
     sharp, _, _ = exported(tmp_path / "sharp", video, camera, 1, color_space=space)
     options = {"color_space": space, "shutter": Shutter(shutter, 3), "overscan": 5}
     _, colors, distances = exported(tmp_path / "out", video, camera, 6, **options)
-    counts = np.array([0 if one is None else len(one) for one in distances.ravel()])
+    counts = np.array([0 if samples is None else len(samples) for samples in distances.ravel()])
     assert counts.max() == 6
-    assert all((np.diff(one) >= 0).all() for one in distances.ravel() if one is not None)
-    found = np.array([composited(one) for one in colors.ravel()]).reshape(*colors.shape, 4)[5:-5, 5:-5]
-    np.testing.assert_allclose(found, sharp, rtol=0, atol=0.5 / 255)
+    assert all((np.diff(samples) >= 0).all() for samples in distances.ravel() if samples is not None)
+    flattened = np.array([composited(samples) for samples in colors.ravel()]).reshape(*colors.shape, 4)[5:-5, 5:-5]
+    np.testing.assert_allclose(flattened, sharp, rtol=0, atol=0.5 / 255)
     assert sharp[..., 3].max() > 0.9
 
 

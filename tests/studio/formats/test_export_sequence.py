@@ -75,9 +75,9 @@ def test_what_is_in_the_files(tmp_path: Path, make_video: MakeVideo) -> None:
     rotation = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
     export_sequence(video, tmp_path / "out", ".ply", rotation)
     for index in range(7):
-        found = read_splats(tmp_path / "out" / f"frame_{index:04d}.ply")
+        written = read_splats(tmp_path / "out" / f"frame_{index:04d}.ply")
         x, y, z = video.read(index).means.unbind(1)
-        assert torch.allclose(found.means, torch.stack([-y, x, z], dim=1), atol=1e-6)
+        assert torch.allclose(written.means, torch.stack([-y, x, z], dim=1), atol=1e-6)
     export_frame(video.part(5, 6), tmp_path / "one.ply")
     assert torch.equal(read_splats(tmp_path / "one.ply").means, video.read(5).means)
     with refuses("export.already_exists", file=tmp_path / "one.ply"):

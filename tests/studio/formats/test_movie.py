@@ -55,18 +55,18 @@ def test_speed_never_jumps_and_focal_lengths_stay_between_the_keys() -> None:
     path = CameraPath(KEYS, 120, 80)
     step = 0.004
     cameras = [path.camera(time) for time in np.arange(0, 3.5, step)]
-    speed = np.diff([found.center for found in cameras], axis=0) / step
-    turning = np.diff([found.rotation for found in cameras], axis=0) / step
+    speed = np.diff([camera.center for camera in cameras], axis=0) / step
+    turning = np.diff([camera.rotation for camera in cameras], axis=0) / step
     assert np.linalg.norm(speed, axis=1).max() > 1
     assert np.abs(np.diff(speed, axis=0)).max() < 0.06  # a kink at a key would be a step of a tenth or more
     assert np.abs(np.diff(turning, axis=0)).max() < 0.06
-    assert all(90 - 1e-9 <= found.fx <= 150 + 1e-9 for found in cameras)
+    assert all(90 - 1e-9 <= camera.fx <= 150 + 1e-9 for camera in cameras)
 
 
 def test_another_size_of_the_same_shape() -> None:
-    found = CameraPath(KEYS, 240, 160).camera(0)
-    assert (found.width, found.height) == (240, 160)
-    np.testing.assert_allclose(found.K, np.diag([2, 2, 1]) @ KEYS[0].camera.K)
+    camera = CameraPath(KEYS, 240, 160).camera(0)
+    assert (camera.width, camera.height) == (240, 160)
+    np.testing.assert_allclose(camera.K, np.diag([2, 2, 1]) @ KEYS[0].camera.K)
     with refuses("camera_path.aspect_ratio", camera=KEYS[0].camera.name, expected=(100, 100)):
         CameraPath(KEYS, 100, 100)
 
@@ -144,17 +144,17 @@ def test_a_movie_shows_what_the_rasterizer_draws(tmp_path: Path, make_video: Mak
     video = replace(make_video((4,)), background=(0.2, 0.6, 0.4))
     path = CameraPath([Key(0, camera(0.0)), Key(0.5, camera(0.6))], 120, 80)
     count = render_movie(video, tmp_path / "a.mp4", path.camera, lambda time: time * video.fps, 0.5, 16, crf=4)
-    rate, found = pictures(tmp_path / "a.mp4")
-    assert (count, len(found), rate) == (8, 8, 16)
+    rate, images = pictures(tmp_path / "a.mp4")
+    assert (count, len(images), rate) == (8, 8, 16)
     for index in (0, 3, 7):
         time = index / 16
         splats = video.read(int(time * 20) % 4)
         meant = rasterize(splats, path.camera(time), torch.tensor(video.background)).image.clamp(0, 1).numpy()
-        difference = np.abs(found[index] / 255 - meant)
+        difference = np.abs(images[index] / 255 - meant)
         assert difference.mean() < 0.008  # color is stored at half resolution
         assert difference[:10, :10].mean() < 0.01
     wrong = rasterize(video.read(2), path.camera(0), torch.tensor(video.background)).image.clamp(0, 1).numpy()
-    assert np.abs(found[7] / 255 - wrong).mean() > 2 * difference.mean()  # the comparison is sensitive to the camera
+    assert np.abs(images[7] / 255 - wrong).mean() > 2 * difference.mean()  # the comparison is sensitive to the camera
 
 
 def test_colors_are_those_of_bt709(tmp_path: Path, make_video: MakeVideo) -> None:

@@ -37,10 +37,10 @@ def heard(path):
 def test_the_sound_is_in_sync_and_loops_with_the_frames(tmp_path: Path, video: SplatVideo) -> None:
     still = CameraPath([Key(0, camera(0.0))], 48, 32)
     render_movie(video, tmp_path / "a.mp4", still.camera, lambda time: time * FPS, 0.4, FPS)
-    found, pictures = heard(tmp_path / "a.mp4")
+    times, pictures = heard(tmp_path / "a.mp4")
     aac_frame = 1024 / 48_000
-    assert found == pytest.approx([pictures[2], pictures[6]], abs=aac_frame)
-    assert found == pytest.approx([CLICK, 4 / FPS + CLICK], abs=0.001)
+    assert times == pytest.approx([pictures[2], pictures[6]], abs=aac_frame)
+    assert times == pytest.approx([CLICK, 4 / FPS + CLICK], abs=0.001)
 
 
 def test_where_frames_keep_their_speed(video: SplatVideo) -> None:

@@ -35,13 +35,13 @@ def bodies(*places: float, seed: int = 0, splats: int = 1500) -> Gaussians:
 @pytest.mark.parametrize("places", [(0.0,), (-0.5, 0.5), (-1.4, 0.0, 0.9)])
 def test_splats_belong_to_the_body_that_they_are_in(places: tuple[float, ...]) -> None:
     splats = bodies(*places)
-    found = separated(splats, len(places))
+    labels = separated(splats, len(places))
     x = splats.means[:, 0].numpy()
     for place in places:
-        own = found[np.abs(x - place) < 0.21]
+        own = labels[np.abs(x - place) < 0.21]
         assert len(own) == 1500
         assert len(set(own)) == 1
-    assert len(set(found)) == len(places)
+    assert len(set(labels)) == len(places)
 
 
 def test_a_ball_is_a_third_or_belongs_to_the_nearest() -> None:
@@ -63,7 +63,7 @@ def mattes(folder, video: SplatVideo, count: int):
     found = []
     for path in sorted(folder.iterdir()):
         channels = OpenEXR.File(str(path)).channels()
-        layers = [channels[f"matte.{one}"].pixels.astype(np.float32) for one in range(count)]
+        layers = [channels[f"matte.{number}"].pixels.astype(np.float32) for number in range(count)]
         found.append((channels["RGBA"].pixels[..., 3].astype(np.float32), np.stack(layers, -1)))
     return found
 

@@ -20,8 +20,8 @@ def test_round_trip_is_exact(tmp_path: Path, make_splats: MakeSplats, degree: in
     path = tmp_path / "frame_0000.ply"
     write_splats(splats, path)
     assert splats_size(path) == (300, degree)
-    found = read_splats(path)
-    for (name, mine), (_, theirs) in zip(splats.items(), found.items(), strict=True):
+    splats_read = read_splats(path)
+    for (name, mine), (_, theirs) in zip(splats.items(), splats_read.items(), strict=True):
         if name == "quats":
             assert torch.allclose(mine, theirs, atol=2e-7)
         else:
@@ -126,6 +126,6 @@ def test_what_cannot_be_written(tmp_path: Path, make_splats: MakeSplats) -> None
             with refuses(code, file=tmp_path / f"a.{ending}", **fields):
                 write_splats(wrong, tmp_path / f"a.{ending}")
     assert list(tmp_path.iterdir()) == []
-    written = [suffix for suffix, one in FRAME_FILES.items() if one.written]
+    written = [suffix for suffix, kind in FRAME_FILES.items() if kind.written]
     with refuses("splat_file.unsupported_format", value=".txt", expected=written):
         write_splats(splats, tmp_path / "a.txt")

@@ -113,13 +113,13 @@ def test_a_renamed_or_added_property_is_never_misread(
     notes = []
     saved(path, changed)
     try:
-        found = read_splats(path, notes.append)
+        splats = read_splats(path, notes.append)
     except StudioError as error:
         problem = str(error)
         assert victim in problem or new in problem
         return
     if victim != "scale_2" or added:
-        assert all(one.equal(other) for (_, one), (_, other) in zip(meant.items(), found.items(), strict=True))
+        assert all(one.equal(other) for (_, one), (_, other) in zip(meant.items(), splats.items(), strict=True))
     assert any(new in note for note in notes) or new in ("red", "green", "blue", "alpha")
 
 

@@ -43,8 +43,8 @@ def folder(tmp_path: Path) -> Path:
 def test_numbers_say_the_order(folder: Path) -> None:
     for name in ("walk10.ply", "walk9.ply", "walk_2.extra.ply", ".hidden_1.ply", "notes.txt"):
         (folder / name).touch()
-    found = [(number, path.name) for number, path in find_frames(folder)]
-    assert found == [(2, "walk_2.extra.ply"), (9, "walk9.ply"), (10, "walk10.ply")]
+    files = [(number, path.name) for number, path in find_frames(folder)]
+    assert files == [(2, "walk_2.extra.ply"), (9, "walk9.ply"), (10, "walk10.ply")]
     (folder / "other9.ply").touch()
     with refuses("import.duplicate_frame", file=folder, value=9, files=["other9.ply", "walk9.ply"]):
         find_frames(folder)
@@ -121,8 +121,8 @@ def decoded_errors(video: SplatVideo, stream: Path, meant: Gaussians) -> torch.T
     """Distance of each splat of the second frame to the nearest decoded one."""
     bake_video(video, stream, BakeSettings(quality=0))
     with StreamReader.open(stream) as reader:
-        found = reader.gaussians(1)
-    return torch.cdist(meant.means.double(), found.means.double()).min(dim=1).values
+        played = reader.gaussians(1)
+    return torch.cdist(meant.means.double(), played.means.double()).min(dim=1).values
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e4, 1e6, 1e30])
@@ -239,16 +239,16 @@ def test_baked_and_played(folder: Path, tmp_path: Path) -> None:
     assert (manifest.renditions[0].sh_degree, manifest.fps, manifest.metadata["up"]) == (1, 10, [0, -1, 0])
     with StreamReader.open(tmp_path / "stream") as reader:
         for index, meant in enumerate(frames):
-            found = reader.gaussians(index)
-            assert len(found) == len(meant)
-            nearest = torch.cdist(meant.means.double(), found.means.double())
+            played = reader.gaussians(index)
+            assert len(played) == len(meant)
+            nearest = torch.cdist(meant.means.double(), played.means.double())
             assert nearest.min(dim=1).values.max() < 1e-3  # position steps depend on the splats' size and opacity
             which = nearest.argmin(dim=1)
-            assert (found.opacities[which] - meant.opacities).abs().max() < 0.01
-            shapes = [covariances(splats) for splats in (found[which], meant)]
+            assert (played.opacities[which] - meant.opacities).abs().max() < 0.01
+            shapes = [covariances(splats) for splats in (played[which], meant)]
             assert np.abs(shapes[0] - shapes[1]).max() < 0.02 * np.trace(shapes[1], axis1=1, axis2=2).max()
             if len(meant) == 120:
-                assert (found.sh[which] - meant.sh).abs().max() < 0.02
+                assert (played.sh[which] - meant.sh).abs().max() < 0.02
     assert play_headless(tmp_path / "stream").shown == 6
 
 

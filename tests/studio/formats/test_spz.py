@@ -97,22 +97,22 @@ def test_what_is_written_says_what_was_meant(
     splats = make_splats(120, degree)
     path = tmp_path / "a.spz"
     write_splats(splats, path, version=version)
-    found = by_the_description(path.read_bytes(), version)
-    np.testing.assert_allclose(found["means"], splats.means, atol=0.5 / 2**14 + 1e-7)
-    np.testing.assert_allclose(found["opacities"], splats.opacities, atol=0.5 / 255 + 1e-6)
-    np.testing.assert_allclose(found["dc"], splats.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-6)
-    np.testing.assert_allclose(found["log_scales"], splats.log_scales, atol=1 / 32 + 1e-6)
-    theirs = Rotation.from_quat(found["quats"], scalar_first=True)
+    values = by_the_description(path.read_bytes(), version)
+    np.testing.assert_allclose(values["means"], splats.means, atol=0.5 / 2**14 + 1e-7)
+    np.testing.assert_allclose(values["opacities"], splats.opacities, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(values["dc"], splats.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-6)
+    np.testing.assert_allclose(values["log_scales"], splats.log_scales, atol=1 / 32 + 1e-6)
+    theirs = Rotation.from_quat(values["quats"], scalar_first=True)
     turned = theirs.inv() * Rotation.from_quat(splats.quats.numpy(), scalar_first=True)
     assert np.degrees(turned.magnitude()).max() < 0.25
     if degree:
-        np.testing.assert_allclose(found["sh"][:, :3], splats.sh[:, 1:4], atol=4.5 / 128 + 1e-6)
-        np.testing.assert_allclose(found["sh"][:, 3:], splats.sh[:, 4:], atol=8.5 / 128 + 1e-6)
+        np.testing.assert_allclose(values["sh"][:, :3], splats.sh[:, 1:4], atol=4.5 / 128 + 1e-6)
+        np.testing.assert_allclose(values["sh"][:, 3:], splats.sh[:, 4:], atol=8.5 / 128 + 1e-6)
     assert splats_size(path) == (120, degree)
     mine = read_splats(path)
     for name in ("means", "quats", "opacities", "log_scales"):
-        np.testing.assert_allclose(getattr(mine, name), found[name], atol=1e-6)
-    np.testing.assert_allclose(mine.sh[:, 1:], found["sh"].reshape(120, -1, 3), atol=1e-6)
+        np.testing.assert_allclose(getattr(mine, name), values[name], atol=1e-6)
+    np.testing.assert_allclose(mine.sh[:, 1:], values["sh"].reshape(120, -1, 3), atol=1e-6)
 
 
 def test_version_4_is_the_default_and_2_is_not_written(tmp_path: Path, make_splats: MakeSplats) -> None:
@@ -184,15 +184,15 @@ def test_other_axes_are_turned_to_those_of_the_format(
     plain = read_splats(path)
     path.write_bytes(with_record(path.read_bytes(), 0xADBE0003, struct.pack("<I", number)))
     notes = []
-    found = read_splats(path, notes.append)
+    turned = read_splats(path, notes.append)
     matrix = torch.tensor([LETTERS[letter] for letter in axes], dtype=torch.float32).T
-    torch.testing.assert_close(found.means, plain.means @ matrix.T)
-    axes_of = [quats_to_matrices(one.unit_quats) * one.scales[:, None] for one in (plain, found)]
+    torch.testing.assert_close(turned.means, plain.means @ matrix.T)
+    axes_of = [quats_to_matrices(one.unit_quats) * one.scales[:, None] for one in (plain, turned)]
     before, after = (one @ one.mT for one in axes_of)
     torch.testing.assert_close(after, matrix @ before @ matrix.T, atol=1e-5, rtol=1e-3)
     direction = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8]]), dim=1)
     seen = [torch.einsum("k,nkc->nc", sh_basis(direction @ turn.T, 3)[0], one.sh) for turn, one in
-            ((torch.eye(3), plain), (matrix, found))]  # fmt: skip
+            ((torch.eye(3), plain), (matrix, turned))]  # fmt: skip
     torch.testing.assert_close(seen[1], seen[0], atol=1e-4, rtol=1e-4)
     assert len(notes) == (axes != "RUB")
 
@@ -225,13 +225,13 @@ def test_other_records_and_flags_are_never_misread(
     path.write_bytes(with_record(path.read_bytes(), kind, body, flags | 2))
     notes = []
     try:
-        found = read_splats(path, notes.append)
+        splats = read_splats(path, notes.append)
     except StudioError:
         assert kind in (0xADBE0001, 0xADBE0003)
         return
     if kind == 0xADBE0003:
-        torch.testing.assert_close(found.means.abs().sum(), meant.means.abs().sum())
+        torch.testing.assert_close(splats.means.abs().sum(), meant.means.abs().sum())
     else:
-        torch.testing.assert_close(found.means, meant.means)
+        torch.testing.assert_close(splats.means, meant.means)
         assert any(f"{kind:08X}" in note for note in notes) == (kind != 0xADBE0002)
     assert any("flags" in note for note in notes) == bool(flags & 0xFC)

@@ -27,7 +27,7 @@ RAMP = np.linspace(-1, 1, 2400, dtype=np.float32)
 def opened(path):
     stage = Usd.Stage.Open(str(path))
     registry = UsdValidation.ValidationRegistry()
-    validators = [registry.GetOrLoadValidatorByName(one.name) for one in registry.GetAllValidatorMetadata()]
+    validators = [registry.GetOrLoadValidatorByName(metadata.name) for metadata in registry.GetAllValidatorMetadata()]
     assert len(validators) > 20
     assert [error.GetMessage() for error in UsdValidation.ValidationContext(validators).Validate(stage)] == []
     return stage
@@ -44,7 +44,7 @@ def test_frames_as_openusd_reads_them(tmp_path: Path, make_video: MakeVideo, end
     assert len(prims) == 2
     for index, splats in enumerate(video):
         time, prim = 10 + index, prims[index >= 4]
-        shown = [UsdGeom.Imageable(one).ComputeVisibility(time) == "inherited" for one in prims]
+        shown = [UsdGeom.Imageable(prim).ComputeVisibility(time) == "inherited" for prim in prims]
         assert shown == [index < 4, index >= 4]
         get = lambda name, at=time, of=prim: np.array(of.GetAttribute(name).Get(at))  # noqa: E731
         error = np.abs(get("positions") - splats.means.numpy()).max(axis=1)
@@ -54,13 +54,13 @@ def test_frames_as_openusd_reads_them(tmp_path: Path, make_video: MakeVideo, end
         # half a level of color, of the constant term and of the others' sum in any direction
         error = np.abs(get(f"{SH}h").reshape(-1, 16, 3) - splats.sh.numpy())
         assert error.max() * 0.2821 < 0.5 / 255
-        turns = [Gf.Matrix3d(Gf.Quatd(one)) for one in prim.GetAttribute("orientationsh").Get(time)]
+        turns = [Gf.Matrix3d(Gf.Quatd(quat)) for quat in prim.GetAttribute("orientationsh").Get(time)]
         expected = quats_to_matrices(splats.unit_quats.numpy().astype(np.float64))
         np.testing.assert_allclose(np.swapaxes(np.array(turns), 1, 2), expected, atol=4e-3)
         low, high = get("extent")
         assert (low < splats.means.numpy().min(axis=0)).all()
         assert (high > splats.means.numpy().max(axis=0)).all()
-    samples = {one.GetName(): one.GetNumTimeSamples() for one in prims[0].GetAttributes()}
+    samples = {attribute.GetName(): attribute.GetNumTimeSamples() for attribute in prims[0].GetAttributes()}
     assert (samples["positions"], samples["opacitiesh"], samples[f"{SH}h"]) == (4, 0, 0)  # what is constant, once
 
 
@@ -130,10 +130,10 @@ def test_static_splats_of_another_tool_with_a_transform(tmp_path: Path, make_spl
     prim.AddRotateZOp().Set(90.0)
     prim.AddScaleOp().Set(Gf.Vec3f(2, 2, 2))
     stage.Save()
-    found = open_import(tmp_path / "a.usda")
-    assert (found.frame_count, found.up.tolist()) == (1, [0, 0, 1])
+    video = open_import(tmp_path / "a.usda")
+    assert (video.frame_count, video.up.tolist()) == (1, [0, 0, 1])
     expected = scaled(turned(splats, np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])), 2.0)
-    after = found.read(0)
+    after = video.read(0)
     torch.testing.assert_close(after.means, expected.means + torch.tensor([1.0, 2, 3]), atol=1e-5, rtol=0)
     torch.testing.assert_close(after.scales, expected.scales)
     torch.testing.assert_close(after.sh, expected.sh, atol=1e-5, rtol=0)
@@ -167,18 +167,18 @@ def test_one_static_prim_per_frame_that_is_shown_and_hidden(tmp_path: Path, make
     stage.Save()
     both = Usd.Stage.CreateNew(str(tmp_path / "both.usda"))
     for index in range(2):
-        one = both.DefinePrim(f"/World/{'ab'[index]}")
-        one.GetReferences().AddReference("./a.usda", "/World/Splats")
-        UsdGeom.Xformable(one).AddTranslateOp().Set(Gf.Vec3d(index, 0, 0))
+        prim = both.DefinePrim(f"/World/{'ab'[index]}")
+        prim.GetReferences().AddReference("./a.usda", "/World/Splats")
+        UsdGeom.Xformable(prim).AddTranslateOp().Set(Gf.Vec3d(index, 0, 0))
         for time in range(3):
-            UsdGeom.Imageable(one).GetVisibilityAttr().Set("inherited" if time == index else "invisible", time)
+            UsdGeom.Imageable(prim).GetVisibilityAttr().Set("inherited" if time == index else "invisible", time)
     UsdGeom.Cube.Define(both, "/World/cube")
     both.Save()
-    found = open_import(tmp_path / "both.usda")
-    assert found.frame_count == 2
-    torch.testing.assert_close(found.read(1).means, found.read(0).means + torch.tensor([1.0, 0, 0]))
-    assert any("Cube" in note for note in found.notes)
-    assert any("1 time code " in note for note in found.notes)
+    video = open_import(tmp_path / "both.usda")
+    assert video.frame_count == 2
+    torch.testing.assert_close(video.read(1).means, video.read(0).means + torch.tensor([1.0, 0, 0]))
+    assert any("Cube" in note for note in video.notes)
+    assert any("1 time code " in note for note in video.notes)
 
 
 def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(
@@ -190,10 +190,10 @@ def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(
     prim.AddTranslateOp().Set(Gf.Vec3d(1, 0, 0))
     prim.GetPrim().CreateAttribute("scan:confidence", Sdf.ValueTypeNames.Float).Set(0.5)
     stage.Save()
-    found = open_import(tmp_path / "a.usda")
-    assert len(found.read(0)) == 49
-    assert any(note.startswith("1 splat dropped") for note in found.notes)
-    assert sum("scan:confidence" in note for note in found.notes) == 1
+    video = open_import(tmp_path / "a.usda")
+    assert len(video.read(0)) == 49
+    assert any(note.startswith("1 splat dropped") for note in video.notes)
+    assert sum("scan:confidence" in note for note in video.notes) == 1
 
 
 def test_without_usd_core_the_extra_is_named(

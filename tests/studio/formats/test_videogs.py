@@ -68,7 +68,7 @@ def test_the_players_see_what_was_exported(tmp_path: Path, make_video: MakeVideo
         which = distance.argmin(dim=1)
         assert len(set(which.tolist())) == len(keyframe)
         for index in group:
-            meant, found = video.read(index)[which], frames[index]
+            meant, frame = video.read(index)[which], frames[index]
             expected = {
                 "position": (meant.means, 65535),
                 "f_dc": (meant.sh[:, 0], 255),
@@ -76,14 +76,14 @@ def test_the_players_see_what_was_exported(tmp_path: Path, make_video: MakeVideo
                 "opacity": (meant.opacities, 255),
                 "scale": (meant.scales, 255),
             }
-            assert not found["normal"].any()
+            assert not frame["normal"].any()
             for name, (values, levels) in expected.items():
                 array = values.double().numpy()
                 if array.size:
                     least = 0 if name == "opacity" else array.min(axis=0)
                     step = (array.max(axis=0) - least) / levels
-                    assert (np.abs(found[name] - array) <= 0.5 * step + 1e-6).all(), name
-            rotation = found["rotation"] / np.linalg.norm(found["rotation"], axis=1, keepdims=True)
+                    assert (np.abs(frame[name] - array) <= 0.5 * step + 1e-6).all(), name
+            rotation = frame["rotation"] / np.linalg.norm(frame["rotation"], axis=1, keepdims=True)
             alike = np.abs((rotation * meant.unit_quats.double().numpy()).sum(axis=1))
             assert alike.min() > 1 - 4e-5
 

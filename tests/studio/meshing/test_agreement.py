@@ -14,7 +14,7 @@ from v3studio.studio.meshing.silhouettes import silhouettes
 def test_correct_masks_agree(scale: float, origin: tuple[float, float, float]) -> None:
     agreement = mask_agreement(silhouettes(two_balls(9, scale, origin)), 4)
     assert len(agreement) == 9
-    assert max(one.missing for one in agreement.values()) < 0.01
+    assert max(camera.missing for camera in agreement.values()) < 0.01
     assert not contradicting(agreement)
 
 

@@ -31,8 +31,8 @@ def views() -> list[Shot]:
 def digest(views: list[Shot]) -> Callable[[InitializeSettings], str]:
     @functools.cache
     def made(settings: InitializeSettings) -> str:
-        found = initialize_points(views, settings)
-        return hashlib.sha256(found.points.tobytes() + found.colors.tobytes()).hexdigest()
+        points = initialize_points(views, settings)
+        return hashlib.sha256(points.points.tobytes() + points.colors.tobytes()).hexdigest()
 
     return made
 

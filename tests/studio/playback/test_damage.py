@@ -66,7 +66,7 @@ def test_a_picture_that_cannot_be_decoded(stream: Path) -> None:
 
     def change(values):
         components = best_of(values["groups"][0])["components"]
-        put_file(stream, next(one for one in components if one["name"] == "opacity")["planes"][0], bytes(data))
+        put_file(stream, next(part for part in components if part["name"] == "opacity")["planes"][0], bytes(data))
 
     edit_manifest(stream, change)
     seen = []

@@ -10,9 +10,9 @@ from v3studio.studio.rasterizer.contribution import contribution
 
 def test_weights_sum_to_alpha() -> None:
     splats, camera = make_splats(40).to(torch.float32), make_camera()
-    found = contribution(splats, [camera])
-    assert found.shape == (40,)
-    assert float(found.sum()) == pytest.approx(float(rasterize(splats, camera).alpha.sum()), rel=1e-4)
+    contributions = contribution(splats, [camera])
+    assert contributions.shape == (40,)
+    assert float(contributions.sum()) == pytest.approx(float(rasterize(splats, camera).alpha.sum()), rel=1e-4)
 
 
 def test_hidden_and_unseen_splats_add_nothing() -> None:

@@ -71,19 +71,19 @@ def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 def test_groups_must_follow_each_other(tmp_path: Path) -> None:
-    one = bake_group(clouds(2, 50), tmp_path, 0, 0, PLANES)
+    baked = bake_group(clouds(2, 50), tmp_path, 0, 0, PLANES)
     two = bake_group(clouds(2, 50), tmp_path, 1, 3, PLANES)  # a gap
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json"):
-        write_manifest(tmp_path, [one, two], 30, PLANES)
+        write_manifest(tmp_path, [baked, two], 30, PLANES)
     with refuses("bake.no_groups", file=tmp_path / "manifest.json"):
         write_manifest(tmp_path, [], 30, PLANES)
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json") as caught:
-        write_manifest(tmp_path, [one], float("nan"), PLANES)
+        write_manifest(tmp_path, [baked], float("nan"), PLANES)
     assert "fps" in str(caught.value)
-    file = tmp_path / one.files[0].path
+    file = tmp_path / baked.files[0].path
     file.write_bytes(b"short")
     with refuses("bake.group_changed", file=file, value=5, group=0):
-        write_manifest(tmp_path, [one], 30, PLANES)
+        write_manifest(tmp_path, [baked], 30, PLANES)
 
 
 def test_a_power_cut_leaves_no_manifest_of_lost_files(make_ladder: MakeLadder, monkeypatch: pytest.MonkeyPatch) -> None:

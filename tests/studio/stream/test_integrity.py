@@ -24,12 +24,12 @@ def checked(place):
 
 def test_a_stream_as_it_was_written_is_whole(ladder: Path, tmp_path: Path) -> None:
     files = [path for path in ladder.rglob("*") if path.is_file()]
-    found = checked(ladder)
-    assert (found.files, found.damage) == (len(files), ())
-    assert found.bytes == sum(path.stat().st_size for path in files)
+    report = checked(ladder)
+    assert (report.files, report.damage) == (len(files), ())
+    assert report.bytes == sum(path.stat().st_size for path in files)
     with StreamReader.open(ladder) as reader:
         write_archive(reader, tmp_path / "one.v3s")
-    assert checked(tmp_path / "one.v3s") == found
+    assert checked(tmp_path / "one.v3s") == report
 
 
 def test_each_file_is_named_once_with_the_groups_that_need_it(ladder: Path) -> None:

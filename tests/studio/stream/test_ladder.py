@@ -27,8 +27,8 @@ def manifest_of(folder):
 def test_every_rendition_has_all_frames(make_ladder: MakeLadder, profile: str) -> None:
     folder = make_ladder((4, 3), profile=profile)
     with StreamReader.open(folder) as reader:
-        assert [one.id for one in reader.manifest.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
-        assert [one.pruning for one in reader.manifest.renditions] == ["none", "none", "importance"]
+        assert [rendition.id for rendition in reader.manifest.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
+        assert [rendition.pruning for rendition in reader.manifest.renditions] == ["none", "none", "importance"]
         best, middle, phone = reader.manifest.renditions
         assert best.bytes > middle.bytes > phone.bytes
         assert (best.splats, phone.splats, best.sh_degree, phone.sh_degree) == (120, 60, 1, 0)
@@ -41,7 +41,7 @@ def test_every_rendition_has_all_frames(make_ladder: MakeLadder, profile: str) -
     for one in ("qp24", "qp34", "qp34-splats50-sh0"):
         with only(StreamReader.open(folder), one) as reader:
             frames[one] = list(reader.iterate())
-    assert [len(found) for found in frames.values()] == [7, 7, 7]
+    assert [len(played) for played in frames.values()] == [7, 7, 7]
     for fine, coarse, phone in zip(*frames.values(), strict=True):
         assert (fine.means - coarse.means).abs().mean() < 0.02
         assert len(phone) == 60
@@ -70,7 +70,7 @@ def test_fine_tuned_frames_are_baked_in_place_of_cut_ones(tmp_path: Path) -> Non
 
     entry = bake_group(frames, tmp_path, 0, 0, settings, finetuned=finetuned)
     assert asked == ["qp10-splats50-sh0"]
-    assert [(one.splats, one.pruning) for one in entry.renditions] == [(80, "none"), (30, "fine-tuned")]
+    assert [(rung.splats, rung.pruning) for rung in entry.renditions] == [(80, "none"), (30, "fine-tuned")]
 
 
 def test_files_are_named_by_their_content(make_ladder: MakeLadder) -> None:
@@ -87,7 +87,7 @@ def test_baking_again_changes_only_what_changed(make_ladder: MakeLadder) -> None
     make_ladder(ladder=(Rung(qp=24), Rung(qp=30)))
     after = contents(folder).keys()
     manifest = manifest_of(folder)
-    assert [one["id"] for one in manifest["renditions"]] == ["qp24", "qp30"]
+    assert [rendition["id"] for rendition in manifest["renditions"]] == ["qp24", "qp30"]
     kept = {best_of(group)[key]["path"] for group in manifest["groups"] for key in ("side", "video")}
     assert kept <= before & after
     assert len(after) == 1 + 8  # what only the old ladder used is gone

@@ -59,8 +59,8 @@ def swap_names(values):
 
 
 def same_ids(values):
-    for one in (values, values["groups"][0]):
-        one["renditions"][1]["id"] = one["renditions"][0]["id"]
+    for part in (values, values["groups"][0]):
+        part["renditions"][1]["id"] = part["renditions"][0]["id"]
 
 
 def wide(values):
@@ -273,9 +273,9 @@ def test_a_total_that_is_wrong_is_found_by_verifying(copy_of: FindStream) -> Non
     stream = copy_of("ladder")
     edit_manifest(stream, lambda values: None)  # its total leaves out what is in the page
     with StreamReader.open(stream) as reader:
-        (found,) = check_stream(reader).damage
-    assert (found.file, found.groups) == ("manifest.json", ())
-    assert "total_bytes" in found.problem
+        (damage,) = check_stream(reader).damage
+    assert (damage.file, damage.groups) == ("manifest.json", ())
+    assert "total_bytes" in damage.problem
 
 
 @pytest.mark.parametrize(

@@ -37,9 +37,9 @@ def test_fit_finds_the_affine_motion_past_outliers() -> None:
     wanted = (cells * 0.001) @ shear + np.array([0.3, 0.0, -0.1]) * (labels[:, None] + 1)
     moved = wanted.copy()
     moved[::10] += 2.0  # a tenth moves otherwise
-    found = blocks.displace(blocks.fit(moved))
+    displaced = blocks.displace(blocks.fit(moved))
     clean = np.ones(600, bool)
     clean[::10] = False
-    assert np.abs(found - wanted)[clean].max() < 0.005
+    assert np.abs(displaced - wanted)[clean].max() < 0.005
     plain = np.linalg.lstsq(blocks.local[:200], moved[:200], rcond=None)[0]
     assert np.abs(blocks.local[:200] @ plain - wanted[:200]).max() > 0.1  # least squares alone is bent

@@ -29,7 +29,7 @@ def test_what_is_there_is_not_copied_again(make_ladder: MakeLadder, tmp_path: Pa
     assert 0 < more.copied < first.copied
     with StreamReader.open(target) as reader:
         assert not check_stream(reader).damage
-        assert [one.id for one in reader.manifest.renditions] == ["qp24", "qp38"]
+        assert [rendition.id for rendition in reader.manifest.renditions] == ["qp24", "qp38"]
 
 
 def test_the_manifest_is_last(make_ladder: MakeLadder, tmp_path: Path) -> None:
@@ -61,13 +61,14 @@ def test_to_a_store(make_ladder: MakeLadder, object_store: ObjectStore) -> None:
         first = publish(reader, "s3://studio/take")
         assert publish(reader, "s3://studio/take").copied == 0
     listed = client.list_objects_v2(Bucket="studio", Prefix="take/")["Contents"]
-    found = {one["Key"].removeprefix("take/"): client.get_object(Bucket="studio", Key=one["Key"]) for one in listed}
-    headers = {name: (one["ContentType"], one["CacheControl"]) for name, one in found.items()}
+    keys = [entry["Key"] for entry in listed]
+    objects = {key.removeprefix("take/"): client.get_object(Bucket="studio", Key=key) for key in keys}
+    headers = {name: (answer["ContentType"], answer["CacheControl"]) for name, answer in objects.items()}
     assert headers.pop("manifest.json") == ("application/json", "no-cache")
     assert all("immutable" in cache for _, cache in headers.values())
     assert {kind for name, (kind, _) in headers.items() if name.endswith(".mp4")} == {"video/mp4"}
-    assert {name: one["Body"].read() for name, one in found.items()} == contents(folder)
-    assert first.copied == len(found) - 1
+    assert {name: answer["Body"].read() for name, answer in objects.items()} == contents(folder)
+    assert first.copied == len(objects) - 1
 
 
 def test_what_cannot_be_published(make_ladder: MakeLadder, object_store: ObjectStore, tmp_path: Path) -> None:

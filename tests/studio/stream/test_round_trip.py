@@ -159,8 +159,8 @@ def test_any_order_and_many_threads_give_the_same_frames(intact: FindStream, pro
         assert len(list(reader.iterate(2, 6))) == 4
         wanted = [6, 0, 5, 2, 1] * 4
         with ThreadPoolExecutor(4) as pool:
-            found = list(pool.map(reader.gaussians, wanted))
-        assert all(same_splats(frame, in_order[index]) for index, frame in zip(wanted, found, strict=True))
+            frames = list(pool.map(reader.gaussians, wanted))
+        assert all(same_splats(frame, in_order[index]) for index, frame in zip(wanted, frames, strict=True))
         for index in (-1, 7, 10**9):
             with refuses("stream.no_such_frame", value=index, frame_count=7):
                 reader.gaussians(index)
@@ -219,8 +219,8 @@ def test_one_outlier_leaves_the_other_splats_their_steps(tmp_path: Path, frames:
     for frame in colored:
         frame.sh[17, 0] = odd_color
     wanted, _ = bake(tmp_path / "plain", plain, quality=20)
-    found, decoded = bake(tmp_path / "colored", colored, quality=20)
-    for before, after in zip(wanted.channels, found.channels, strict=True):
+    entry, decoded = bake(tmp_path / "colored", colored, quality=20)
+    for before, after in zip(wanted.channels, entry.channels, strict=True):
         assert after.step == pytest.approx(before.step, rel=0.02), after.name
     index = matches(plain[0], decoded[0])
     odd = int(np.flatnonzero(index == 17)[0])
@@ -248,9 +248,9 @@ def test_codecs(tmp_path: Path, codec: str) -> None:
     entry, decoded = bake(tmp_path, frames, quality=16, codec=codec, b_frames=0)
     assert json.loads((tmp_path / "manifest.json").read_text())["codec"]["name"] == codec
     index = matches(frames[0], decoded[0])
-    for frame, found in zip(frames, decoded, strict=True):
-        assert (frame.opacities[index] - found.opacities).abs().mean() < 0.03
-        assert (frame.means[index] - found.means).norm(dim=1).median() < 0.01
+    for frame, decoded_frame in zip(frames, decoded, strict=True):
+        assert (frame.opacities[index] - decoded_frame.opacities).abs().mean() < 0.03
+        assert (frame.means[index] - decoded_frame.means).norm(dim=1).median() < 0.01
     with av.open(str(tmp_path / entry.video.path)) as container:
         stream = container.streams.video[0]
         assert stream.codec_context.codec.canonical_name == codec
@@ -282,9 +282,9 @@ def test_steps_and_errors_are_the_documented_ones(tmp_path: Path) -> None:
     steps = STEPS | {name: step * math.sqrt(size) for name, step in SHAPE_STEPS.items()}
     for channel in entry.channels[3:]:
         assert channel.step == pytest.approx(steps[channel.name.rsplit("_", 1)[-1]], rel=1e-4), channel.name
-    found = attribute_errors(frames, decoded)
+    errors = attribute_errors(frames, decoded)
     limits = {"means": 0.00066, "opacity": 0.0245, "sh": 0.0205, "covariance": 0.085}
-    assert {name: error for name, error in found.items() if error > limits[name]} == {}
+    assert {name: error for name, error in errors.items() if error > limits[name]} == {}
 
 
 @pytest.mark.parametrize(

@@ -46,10 +46,10 @@ def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
 def test_a_quality_is_one_of_three_choices(
     given: int | str, stored: int | str, goals: tuple[int, float | None, float | None]
 ) -> None:
-    found = BakeSettings(quality=given)
-    assert found.quality == stored
-    assert (found.qp, found.target_kb_per_frame, found.target_psnr) == goals
-    assert BakeSettings.model_validate(found.model_dump(mode="json")) == found
+    settings = BakeSettings(quality=given)
+    assert settings.quality == stored
+    assert (settings.qp, settings.target_kb_per_frame, settings.target_psnr) == goals
+    assert BakeSettings.model_validate(settings.model_dump(mode="json")) == settings
 
 
 @pytest.mark.parametrize(

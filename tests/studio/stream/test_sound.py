@@ -72,8 +72,8 @@ def test_damaged_files_are_found(stream: Path) -> None:
         for read in (reader.sound, reader.audio_bytes):
             with refuses("stream.wrong_checksum", file=f"{stream}/{reader.manifest.audio.path}"):
                 read()
-        (found,) = check_stream(reader).damage
-        assert (found.file, found.groups) == (reader.manifest.audio.path, ())
+        (damage,) = check_stream(reader).damage
+        assert (damage.file, damage.groups) == (reader.manifest.audio.path, ())
 
 
 def test_streams_without_sound(intact: FindStream) -> None:

@@ -61,8 +61,8 @@ def test_offsets_are_in_each_splats_own_units() -> None:
     tensors = none.to_tensors()
     tensors["rotation"] = torch.tensor([[1.0, 0, 0]])  # a quarter turn about the splat's x, after w = 1
     offsets, half = SplatOffsets.from_tensors(tensors), math.sqrt(0.5)
-    found = offsets.applied(offsets.selected(turned)).quats
-    assert torch.allclose(found, torch.tensor([[0, 0, half, half]]), atol=1e-6)
+    quats = offsets.applied(offsets.selected(turned)).quats
+    assert torch.allclose(quats, torch.tensor([[0, 0, half, half]]), atol=1e-6)
 
 
 def test_offsets_of_other_splats_are_refused(frames: list[Gaussians]) -> None:

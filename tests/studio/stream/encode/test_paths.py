@@ -36,9 +36,9 @@ def minimum(path, strength, keep_first):
 def test_a_path_is_the_minimum(monkeypatch: pytest.MonkeyPatch, strength: float, keep_first: bool) -> None:
     monkeypatch.setattr(paths_module, "STRENGTHS", (strength,))
     paths = noise(9, 4, 3)
-    found = smooth_paths(paths, 1.0, keep_first)
+    smooth = smooth_paths(paths, 1.0, keep_first)
     for splat, axis in itertools.product(range(4), range(3)):
-        assert np.abs(found[:, splat, axis] - minimum(paths[:, splat, axis], strength, keep_first)).max() < 1e-9
+        assert np.abs(smooth[:, splat, axis] - minimum(paths[:, splat, axis], strength, keep_first)).max() < 1e-9
 
 
 def test_the_strength_is_the_most_likely_one() -> None:
@@ -58,9 +58,9 @@ def test_the_strength_is_the_most_likely_one() -> None:
             likelihoods.append(multivariate_normal(np.zeros(frames - 2), covariance).logpdf(changes.T).sum())
         strength = STRENGTHS[int(np.argmax(likelihoods))]
         chosen.add(strength)
-        found = smooth_paths(paths, np.full(6, jitter), keep_first=False)
+        smooth = smooth_paths(paths, np.full(6, jitter), keep_first=False)
         want = np.stack([minimum(path, strength, False) for path in paths.reshape(frames, -1).T], axis=1)
-        assert np.abs(found.reshape(frames, -1) - want).max() < 1e-8
+        assert np.abs(smooth.reshape(frames, -1) - want).max() < 1e-8
     assert len(chosen) > 1
 
 
