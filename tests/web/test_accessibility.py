@@ -2,10 +2,11 @@
 
 import io
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
-from driver import Page
+from driver import OpenPage, Page, Site
 from PIL import Image
 
 pytestmark = pytest.mark.web
@@ -153,8 +154,8 @@ WORDS = """() => {
 
 @pytest.mark.parametrize(("browser_language", "attribute"), [("ja-JP", None), ("en-US", "ja"), ("fr-FR", "ja-JP")])
 def test_all_words_are_in_the_language_of_the_author_or_the_browser(
-    site, stream, open_page, browser_language, attribute
-):
+    site: Site, stream: Path, open_page: OpenPage, browser_language: str, attribute: str | None
+) -> None:
     if attribute is not None:
         index = site.folder / "index.html"
         index.write_text(index.read_text().replace("<v3-player ", f'<v3-player lang="{attribute}" '))
@@ -166,6 +167,6 @@ def test_all_words_are_in_the_language_of_the_author_or_the_browser(
     assert page.handle.locator("v3-player .bar").get_attribute("lang") == "ja"
 
 
-def test_a_language_that_the_player_lacks_is_english(stream, open_page):
+def test_a_language_that_the_player_lacks_is_english(stream: Path, open_page: OpenPage) -> None:
     page = open_page("?t=0.3", locale="fr-FR", reduced_motion="reduce")
     assert page.handle.locator("v3-player [data-act='settings']").get_attribute("title") == "Settings"
