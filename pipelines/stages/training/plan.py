@@ -49,9 +49,9 @@ class TrainPlan:
         self.settings, self.edits = inputs.config.train, inputs.edits
         self.groups = inputs.groups
         self.seed, self.since = inputs.config.run.seed, inputs.since.get(STAGE.name, 0)
-        names = ("keyframe", "later_frames", "joint_frames")
-        keyframe, self.later, self.joint = (settings_affecting(inputs.config, name) for name in names)
-        self.recipe = {**inputs.seen_by_training(), **keyframe}
+        self.recipe = {**inputs.seen_by_training(), **settings_affecting(inputs.config, "keyframe")}
+        self.later = settings_affecting(inputs.config, "later_frames")
+        self.joint = settings_affecting(inputs.config, "joint_frames")
 
     @property
     def footage(self) -> Footage:
