@@ -60,13 +60,12 @@ async function start(): Promise<void> {
   document.body.append(panel);
   await customElements.whenDefined("v3-player");
   const server = new ReviewServer(new URL(".review/", document.baseURI));
-  const opened = new Promise<void>((resolve) => {
-    if (element.engine?.info) resolve();
-    else
-      element.addEventListener("v3-opened", () => resolve(), { once: true });
+  const controlled = new Promise<void>((resolve) => {
+    if (element.ui !== null) resolve();
+    else element.addEventListener("v3-controls", () => resolve(), { once: true });
   });
   try {
-    const [data] = await Promise.all([server.data(), opened]);
+    const [data] = await Promise.all([server.data(), controlled]);
     if (element.engine !== null) build(panel, element, element.engine, server, data);
   } catch (error) {
     panel.replaceChildren(make("p", { class: "problem", role: "alert" }, `The review cannot be loaded: ${messageOf(error)}`));

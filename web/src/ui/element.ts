@@ -497,6 +497,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
     if (player !== this.#engine || this.#ui !== null) return;
     this.#ui = rest.addControls(this, this.#root, player, this.#lifetime.signal);
     for (const message of this.#notices.splice(0)) this.#ui.notice(message);
+    this.dispatchEvent(new Event("v3-controls")); // for the review; not part of the stable interface
   }
 
   /** Dispatches the player's events as those of the element. */
