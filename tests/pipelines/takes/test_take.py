@@ -55,7 +55,9 @@ def test_a_second_run_is_told_who_holds_the_take_and_a_kill_frees_it(tmp_path: P
     holder = subprocess.Popen([sys.executable, "-c", HOLD, str(take.root)], stdout=subprocess.PIPE, text=True)
     try:
         assert holder.stdout.readline() == "held\n"
-        assert take.running() == {"pid": holder.pid, "command": "v3studio run", "host": socket.gethostname()}
+        began = Path(f"/proc/{holder.pid}/stat").read_text().rpartition(")")[2].split()[19]  # starttime, see proc(5)
+        about = {"pid": holder.pid, "command": "v3studio run", "host": socket.gethostname(), "began": began}
+        assert take.running() == about
         with refuses("take.locked", file=take.root, pid=holder.pid, command="v3studio run"), take.locked("bake"):
             pass
     finally:
