@@ -39,9 +39,11 @@ def register(commands: Any) -> None:
     export.add_argument(
         "--sh-degree", type=int, choices=range(4), metavar="N", help="truncate spherical harmonics to degree N, 0 to 3"
     )
-    export.add_argument(
-        "--spz-version", type=int, choices=(3, 4), help="spz: 4 (default), or 3 for viewers that cannot read 4"
-    )
+    for form in EXPORTS.values():
+        for name, option in form.arguments.items():
+            option_help = f"{form.name}: {option.help}"
+            argument = f"--{name.replace('_', '-')}"
+            export.add_argument(argument, type=option.kind, choices=option.choices, help=option_help)
     export.add_argument("--qp", type=int, help="videogs: QP of H.264, 0 (lossless) to 51 (default: 22)")
     export.add_argument(
         "--size",

@@ -94,11 +94,6 @@ class _SplatWriter(VideoWriter):
 class SplatFiles(_SplatWriter):
     """Writes one file per frame."""
 
-    @property
-    def options(self) -> dict[str, int]:
-        """Options of `write_splats`."""
-        return {}
-
     def files(self, video: SplatVideo, progress: ProgressFn) -> str:
         out, suffix, rotation = self.out, self.format.suffix, self.rotation(video)
         if out.suffix.lower() != suffix:
@@ -112,17 +107,6 @@ class SplatFiles(_SplatWriter):
             fix = f"Specify a folder, a name without {suffix}, or {one_frame}."
             raise wrong_option("--out", problem, fix, video.frame_count, out)
         return ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpzFiles(SplatFiles):
-    """Writes one SPZ file per frame."""
-
-    spz_version: int = 4
-
-    @property
-    def options(self) -> dict[str, int]:
-        return {"version": self.spz_version}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -32,12 +33,13 @@ class Written:
 @dataclass(frozen=True, kw_only=True)
 class Writer(ABC):
     """Writes a source to a file or folder. The fields of a writer, except for these, are the options of `v3studio
-    export` that its format takes, with their defaults."""
+    export` that its format takes beside `Format.options`, with their defaults."""
 
     format: Format
     source: Source
     out: Path
     overwrite: bool
+    options: Mapping[str, Any]  # `Format.options` that were given, by their keywords
 
     @abstractmethod
     def write(self, progress: ProgressFn) -> Written:

@@ -34,6 +34,16 @@ META = "meta.json"  # names a SOG that lies unpacked in a folder
 
 
 @dataclass(frozen=True)
+class Option:
+    """An option of a format with one file per frame."""
+
+    keyword: str  # of the `write` of the format's module, which has the default
+    kind: type
+    help: str
+    choices: tuple[Any, ...] | None = None
+
+
+@dataclass(frozen=True)
 class Format:
     """One format."""
 
@@ -48,6 +58,12 @@ class Format:
     up: Up = _COLMAP  # conventional up direction; splats are rotated to it on export unless `keeps_axes`
     keeps_axes: bool = True  # whether exports have the axes of the capture by default
     follows_path: bool = False  # whether it is rendered along a camera path
+    options: tuple[Option, ...] = ()
+
+    @property
+    def arguments(self) -> dict[str, Option]:
+        """The options by their arguments of `v3studio export`, with underscores: `spz_version` is `version` of SPZ."""
+        return {f"{self.name}_{option.keyword}": option for option in self.options}
 
     @property
     def module(self) -> Any:
@@ -65,6 +81,7 @@ FORMATS = (
         "spz", "frame", ".spz", "SPZ, one file per frame",
         "a folder of numbered SPZ files, or one .spz file; a quarter of the size of PLY or less",
         readable=True, up=_Y_UP, keeps_axes=False,
+        options=(Option("version", int, "4 (default), or 3 for viewers that cannot read 4", (3, 4)),),
     ),
     Format(
         "glb", "frame", ".glb", "GLB, one file per frame",
