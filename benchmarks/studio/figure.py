@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from body import Body, load_body
+from body import Body, data_folder, load_body
 from cloth import Hair, Skirt, normals_of, skull
 from materials import Color, Nodes, material, plain
 from motion import bones_at
@@ -41,19 +41,22 @@ class Performer:
     objects: list[bpy.types.Object] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.bones = functools.lru_cache(100_000)(lambda time: bones_at(self.body, time))
+        self._known = functools.lru_cache(100_000)(lambda time: bones_at(self.body, time))
+
+    def bones(self, time: float) -> np.ndarray:
+        """(B, 4, 4) bone transforms at a time in seconds of her motion; each is computed once."""
+        return self._known(round(time, 6))
 
     def put(self, time: float, skirt: np.ndarray) -> None:
         """Move everything to where it is at a time in seconds; `skirt`: (S, 3) from `Skirt.simulate`."""
-        transforms = self.bones(round(time - self.delay, 6))
-        posed = self.body.posed(transforms) + self.place
+        posed = self.body.posed(self.bones(time - self.delay)) + self.place
         for piece in self.pieces:
             vertices = posed[piece.indices]
             if piece.offset.any():
                 vertices = vertices + piece.offset[:, None] * normals_of(vertices, piece.faces)
             _move(piece.mesh, vertices)
         _move(self.skirt_mesh, skirt + self.place)
-        strands = self.hair.at(lambda moment: self.bones(round(moment, 6)), time - self.delay) + self.place
+        strands = self.hair.at(self.bones, time - self.delay) + self.place
         self.strands.points.foreach_set("position", strands.astype(np.float32).ravel())
         self.strands.update_tag()
 
@@ -68,8 +71,7 @@ def make_performer(place: tuple[float, float, float], delay: float, colors: dict
     her = Performer(body, np.array(place), delay)
     rest = body.vertices
     height = {
-        name: body.bones[body.bone(name)].head[2]
-        for name in ("head", "neck01", "upperleg01.L", "lowerleg01.L", "foot.L")
+        name: body.bones[body.bone(name)].head[2] for name in ("neck01", "upperleg01.L", "lowerleg01.L", "foot.L")
     }
     waist = height["upperleg01.L"] + 0.13
     shoulder, wrist = (body.bones[body.bone(name)].head for name in ("upperarm01.L", "wrist.L"))
@@ -114,7 +116,7 @@ def make_performer(place: tuple[float, float, float], delay: float, colors: dict
 
 
 def _add_hair(her: Performer, color: Color, seed: int) -> None:
-    """Strands on the scalp and short ones as brows."""
+    """Strands on the scalp."""
     body, random = her.body, np.random.default_rng(seed + 1)
     rest = body.vertices
     center, radii = skull(body)
@@ -134,11 +136,7 @@ def _add_hair(her: Performer, color: Color, seed: int) -> None:
     strands = her.hair.strands
     curves = bpy.data.hair_curves.new("hair")
     curves.add_curves([strands.shape[1]] * len(strands))
-    radius = (
-        curves.attributes.new("radius", "FLOAT", "POINT")
-        if "radius" not in curves.attributes
-        else curves.attributes["radius"]
-    )
+    radius = curves.attributes.new("radius", "FLOAT", "POINT")
     tapered = 0.00045 * (1 - 0.75 * np.linspace(0, 1, strands.shape[1]) ** 2)
     radius.data.foreach_set("value", np.tile(tapered, len(strands)).astype(np.float32))
     made, nodes = material("hair")
@@ -206,8 +204,6 @@ def _skin() -> bpy.types.Material:
     rest = nodes.attribute("rest")
     blotches = nodes.noise(rest, 28.0, 6.0)
     color = nodes.ramp(blotches, [(0.3, (0.60, 0.33, 0.24)), (0.7, (0.68, 0.42, 0.31))])
-    from body import data_folder
-
     for name, tint, amount in (("lips", (0.50, 0.13, 0.12), 0.8), ("fingernails", (0.72, 0.42, 0.36), 0.7)):
         image = bpy.data.images.load(str(data_folder() / "textures" / f"mpfb_{name}.jpg"))
         image.colorspace_settings.name = "Non-Color"

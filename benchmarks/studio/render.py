@@ -13,27 +13,29 @@ it was stopped. The same arguments give the same files on the same machine.
 
 import argparse
 import os
-import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # many small products: threads would only wait for each other
 
+import av
 import numpy as np
 from captures import CAPTURES, Capture
 from rig import Camera, write_rig_files
 from sensor import developed, recorded, to_bytes, write_matte, write_video
 
+if TYPE_CHECKING:
+    from scene import Scene
+
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n")[0], formatter_class=argparse.RawTextHelpFormatter
-    )
+    about, form = "render a capture with exact ground truth", argparse.RawTextHelpFormatter
+    parser = argparse.ArgumentParser(description=about, formatter_class=form)
     listed = "\n".join(f"{name}: {capture.about}" for name, capture in CAPTURES.items())
     parser.add_argument("name", choices=CAPTURES, metavar="NAME", help=listed)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
@@ -47,9 +49,8 @@ def main() -> int:
     cameras = tuple(scaled(camera, given.scale) for camera in capture.cameras if camera.name in chosen)
     if len(cameras) < len(chosen):
         parser.error(f"--cameras: {given.name} has {', '.join(camera.name for camera in capture.cameras)}")
-    Production(
-        replace(capture, cameras=cameras, frames=given.frames or capture.frames), given.folder, given.samples
-    ).make()
+    capture = replace(capture, cameras=cameras, frames=given.frames or capture.frames)
+    Production(capture, given.folder, given.samples).make()
     return 0
 
 
@@ -64,39 +65,48 @@ class Production:
     def __init__(self, capture: Capture, folder: Path, samples: int) -> None:
         self.capture, self.folder, self.samples = capture, folder, samples
         self.frames = folder / ".frames"
-        self.scratch = Path(tempfile.mkdtemp(prefix="studio-"))
 
     def make(self) -> None:
         """Render what is missing and write everything."""
+        capture = self.capture
+        self._refuse_other_settings()
+        write_rig_files(self.folder, list(capture.cameras), capture.fps, capture.frames)
+        with tempfile.TemporaryDirectory(prefix="studio-") as scratch:
+            self._render(Path(scratch))
+        for camera in capture.cameras:
+            self._write_camera(camera)
+
+    def _refuse_other_settings(self) -> None:
+        """End if the folder has frames of other settings, which would be taken for those of this command."""
+        for camera in self.capture.cameras:
+            told = repr((camera, replace(self.capture, cameras=(), frames=0), self.samples))
+            path = self.frames / camera.name / "settings.txt"
+            if path.exists() and path.read_text() != told:
+                raise SystemExit(f"{path.parent} has frames with other settings. Name another folder, or remove it.")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(told)
+
+    def _render(self, scratch: Path) -> None:
+        """Render frames, plates and meshes that are not there yet."""
         from scene import Scene  # Blender takes seconds to load
 
         capture = self.capture
-        self.folder.mkdir(parents=True, exist_ok=True)
-        write_rig_files(self.folder, list(capture.cameras), capture.fps, capture.frames)
         scene = Scene(capture, self.samples)
-        moments = [
-            moment
-            for camera in capture.cameras
-            for frame in range(capture.frames)
-            for moment in self._moments(camera, frame)
-        ]
-        whole = [capture.start + frame / capture.fps for frame in range(capture.frames)]
-        scene.skirts(np.array(moments + whole))
-        done, started, total = 0, time.monotonic(), len(capture.cameras) * (capture.frames + 1)
-        for frame in range(capture.frames):
-            self._write_mesh(scene, frame, whole[frame])
-            for camera in capture.cameras:
-                done += self._once(
-                    self.frames / camera.name / f"{frame:06}.npz", lambda c=camera, f=frame: self._shots(scene, c, f)
-                )
-                self._report(done, total, started, f"{camera.name}, frame {frame}")
+        starts = [capture.start + frame / capture.fps for frame in range(capture.frames)]
+        moments = [self._moments(camera, frame) for camera in capture.cameras for frame in range(capture.frames)]
+        scene.skirts(np.array([*starts, *(moment for several in moments for moment in several)]))
+        images = [(camera, frame) for frame in range(capture.frames) for camera in capture.cameras]
+        for frame, start in enumerate(starts):
+            self._write_mesh(scene, frame, start)
+        began = time.monotonic()
+        for done, (camera, frame) in enumerate(images):
+            self._write_shot(scene, camera, frame, scratch)
+            left = (time.monotonic() - began) / (done + 1) * (len(images) - done - 1) / 60
+            told = f"rendered {done + 1} of {len(images)} images, {left:.0f} min left"
+            print(f"\r{told} ({camera.name}, frame {frame})   ", end="", file=sys.stderr, flush=True)
         scene.empty()
         for camera in capture.cameras:
-            done += self._once(self.frames / camera.name / "plate.npz", lambda c=camera: self._shots(scene, c, None))
-            self._report(done, total, started, f"{camera.name}, plate")
-        for camera in capture.cameras:
-            self._write_camera(camera)
-        shutil.rmtree(self.scratch)
+            self._write_shot(scene, camera, None, scratch)
 
     def _moments(self, camera: Camera, frame: int) -> list[float]:
         """Times at which a frame is rendered: one, or several over exposure and readout."""
@@ -104,99 +114,72 @@ class Production:
         length = camera.shutter + camera.readout
         return [round(first + length * part, 6) for part in (np.linspace(0, 1, 5) if length else [0.0])]
 
-    def _shots(self, scene: object, camera: Camera, frame: int | None) -> dict[str, np.ndarray]:
-        """Light, matte and depth of a frame, or of the empty set; with motion blur and rolling shutter as means of
-        moments, by rows."""
+    def _frame(self, camera: Camera, frame: int | None) -> Path:
+        """The file with the light of a frame; None: of the empty set."""
+        return self.frames / camera.name / ("plate.npz" if frame is None else f"{frame:06}.npz")
+
+    def _write_shot(self, scene: "Scene", camera: Camera, frame: int | None, scratch: Path) -> None:
+        """Write light, matte and depth of a frame, or of the empty set, unless they are there; with motion blur and
+        rolling shutter as means of moments, by rows."""
+        path = self._frame(camera, frame)
+        if path.exists():
+            return
         wide, width, height, focal = camera.lens.kind == "brown", camera.width, camera.height, camera.lens.focal
         if wide:  # rendered as a pinhole with a margin, more finely, and then distorted
             width, height, focal = 2 * camera.width, 2 * camera.height, focal / 1.4
-        moments = [None] if frame is None else self._moments(camera, frame)
         layers = []
-        for moment in moments:
+        for moment in [None] if frame is None else self._moments(camera, frame):
             if moment is not None:
-                scene.put(moment)  # type: ignore[attr-defined]
-            scene.aim(camera, width, height, focal)  # type: ignore[attr-defined]
-            light, matte, depth = scene.shot(self.scratch)  # type: ignore[attr-defined]
+                scene.put(moment)
+            scene.aim(camera, width, height, focal)
+            light, matte, depth = scene.shot(scratch)
             shown = np.dstack([light, matte, np.minimum(depth, 60.0)])
             layers.append(_distorted(shown, camera, focal) if wide else shown)
-        weights = _row_weights(camera, len(layers))
-        mean = np.einsum("rk,krwc->rwc", weights, np.array(layers))
-        return {
-            "light": mean[..., :3].astype(np.float16),
-            "matte": mean[..., 3].astype(np.float16),
-            "depth": mean[..., 4].astype(np.float32),
-        }
+        mean = np.einsum("rk,krwc->rwc", _row_weights(camera, len(layers)), np.array(layers))
+        light, matte = mean[..., :3].astype(np.float16), mean[..., 3].astype(np.float16)
+        partial = path.with_suffix(".part")
+        with partial.open("wb") as file:
+            np.savez_compressed(file, light=light, matte=matte, depth=mean[..., 4].astype(np.float32))
+        partial.rename(path)
 
-    def _once(self, path: Path, make: object) -> int:
-        """Write a file of arrays unless it is there; returns 1."""
-        if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            partial = path.with_suffix(".part")
-            with partial.open("wb") as file:
-                np.savez_compressed(file, **make())  # type: ignore[operator]
-            partial.rename(path)
-        return 1
-
-    def _report(self, done: int, total: int, started: float, what: str) -> None:
-        passed = time.monotonic() - started
-        left = passed / max(done, 1) * (total - done) / 60
-        print(
-            f"\rrendered {done} of {total} images, {left:.0f} min left ({what})   ", end="", file=sys.stderr, flush=True
-        )
-
-    def _write_mesh(self, scene: object, frame: int, moment: float) -> None:
+    def _write_mesh(self, scene: "Scene", frame: int, moment: float) -> None:
         path = self.folder / "meshes" / f"{frame:06}.ply"
         if path.exists():
             return
         path.parent.mkdir(exist_ok=True)
-        scene.put(moment)  # type: ignore[attr-defined]
-        parts, faces, start = [], [], 0
-        for performer in scene.performers:  # type: ignore[attr-defined]
-            for data in performer.meshes():
-                vertices = np.empty(len(data.vertices) * 3, np.float32)
-                data.vertices.foreach_get("co", vertices)
-                quads = np.empty(len(data.polygons) * 4, np.int32)
-                data.polygons.foreach_get("vertices", quads)
-                parts.append(vertices.reshape(-1, 3))
-                corners = quads.reshape(-1, 4) + start
-                faces += [corners[:, :3], corners[:, [0, 2, 3]]]
-                start += len(data.vertices)
-        points, triangles = np.vstack(parts), np.vstack(faces)
-        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-        head += "".join(f"property float {axis}\n" for axis in "xyz") + f"element face {len(triangles)}\n"
-        head += "property list uchar int vertex_indices\nend_header\n"
+        scene.put(moment)
+        points, triangles = scene.surface()
         rows = np.zeros(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
         rows["count"], rows["corners"] = 3, triangles
+        head = (
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+            f"property float x\nproperty float y\nproperty float z\nelement face {len(triangles)}\n"
+            "property list uchar int vertex_indices\nend_header\n"
+        )
         path.write_bytes(head.encode() + points.astype("<f4").tobytes() + rows.tobytes())
 
     def _write_camera(self, camera: Camera) -> None:
         """Video, matte, plate, and the truth of a held-out camera."""
-        fps = self.capture.fps
-        video, matte = self.folder / "videos" / f"{camera.name}.mp4", self.folder / "mattes" / f"{camera.name}.mkv"
-        if not video.exists():
-            images = (
-                recorded(developed(shot["light"], camera), camera, n) for n, shot in enumerate(self._stored(camera))
-            )
-            write_video(video, images, fps, camera.crf)
-        if not matte.exists():
-            write_matte(matte, (to_bytes(shot["matte"]) for shot in self._stored(camera)), fps)
-        plate = np.load(self.frames / camera.name / "plate.npz")
-        _write_png(
-            self.folder / "clean_plates" / f"{camera.name}.png",
-            to_bytes(developed(plate["light"].astype(np.float32), camera)),
-        )
-        if camera.held_out:
-            for number, shot in enumerate(self._stored(camera)):
-                place = self.folder / "truth" / camera.name
-                _write_png(place / f"{number:06}.png", to_bytes(developed(shot["light"], camera)))
-                _write_png(
-                    place / f"{number:06}_depth.png", np.clip(np.rint(shot["depth"] * 1e4), 0, 65535).astype(np.uint16)
-                )
+        frames = range(self.capture.frames)  # read one by one: a 4K frame has hundreds of megabytes
+        images = (recorded(self._picture(camera, frame), camera, frame) for frame in frames)
+        write_video(self.folder / "videos" / f"{camera.name}.mp4", images, self.capture.fps, camera.crf)
+        mattes = (to_bytes(self._stored(camera, frame)["matte"]) for frame in frames)
+        write_matte(self.folder / "mattes" / f"{camera.name}.mkv", mattes, self.capture.fps)
+        plate = self.folder / "clean_plates" / f"{camera.name}.png"
+        _write_png(plate, to_bytes(self._picture(camera, None)))
+        place = self.folder / "truth" / camera.name
+        for frame in frames if camera.held_out else ():
+            depth = np.clip(np.rint(self._stored(camera, frame)["depth"] * 1e4), 0, 65535).astype(np.uint16)
+            _write_png(place / f"{frame:06}.png", to_bytes(self._picture(camera, frame)))
+            _write_png(place / f"{frame:06}_depth.png", depth)
 
-    def _stored(self, camera: Camera) -> Iterator[dict[str, np.ndarray]]:
-        for frame in range(self.capture.frames):
-            with np.load(self.frames / camera.name / f"{frame:06}.npz") as file:
-                yield {name: file[name].astype(np.float32) for name in file.files}
+    def _picture(self, camera: Camera, frame: int | None) -> np.ndarray:
+        """(H, W, 3) in [0, 1], without noise."""
+        return developed(self._stored(camera, frame)["light"], camera)
+
+    def _stored(self, camera: Camera, frame: int | None) -> dict[str, np.ndarray]:
+        with np.load(self._frame(camera, frame)) as file:
+            return {name: file[name].astype(np.float32) for name in file.files}
 
 
 def _row_weights(camera: Camera, count: int) -> np.ndarray:
@@ -229,8 +212,6 @@ def _distorted(shown: np.ndarray, camera: Camera, focal: float) -> np.ndarray:
 
 def _write_png(path: Path, image: np.ndarray) -> None:
     """Write (H, W, 3) uint8 or (H, W) uint16."""
-    import av
-
     path.parent.mkdir(parents=True, exist_ok=True)
     layout = "rgb24" if image.ndim == 3 else "gray16be"
     frame = av.VideoFrame.from_ndarray(image if image.ndim == 3 else image.byteswap(), format=layout)

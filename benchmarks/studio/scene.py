@@ -87,10 +87,7 @@ class Scene:
         """Compute the skirts at all times that will be shown; the same numbers whichever frames are rendered later."""
         self.times = np.unique(np.round(times, 6))
         self.swung = [
-            performer.skirt.simulate(
-                lambda time, her=performer: her.bones(round(time, 6)), self.times - performer.delay
-            )
-            for performer in self.performers
+            performer.skirt.simulate(performer.bones, self.times - performer.delay) for performer in self.performers
         ]
 
     def put(self, time: float) -> None:
@@ -102,6 +99,19 @@ class Scene:
             start, velocity = THROW
             flown = time - self.capture.start
             self.ball.location = start + velocity * flown + np.array([0, 0, -4.905]) * flown**2
+
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """(V, 3) vertices and (T, 3) triangles of all people as they were put last."""
+        points, triangles, start = [], [], 0
+        for mesh in (mesh for performer in self.performers for mesh in performer.meshes()):
+            vertices, quads = np.empty(len(mesh.vertices) * 3, np.float32), np.empty(len(mesh.polygons) * 4, np.int32)
+            mesh.vertices.foreach_get("co", vertices)
+            mesh.polygons.foreach_get("vertices", quads)
+            corners = quads.reshape(-1, 4) + start
+            points.append(vertices.reshape(-1, 3))
+            triangles += [corners[:, :3], corners[:, [0, 2, 3]]]
+            start += len(mesh.vertices)
+        return np.vstack(points), np.vstack(triangles)
 
     def empty(self) -> None:
         """Leave the set alone, for the clean plates."""
@@ -115,11 +125,9 @@ class Scene:
         data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
         if camera.lens.kind == "fisheye":
             data.type = "PANO"
-            settings = data if hasattr(data, "panorama_type") else data.cycles
-            settings.panorama_type = "FISHEYE_LENS_POLYNOMIAL"
+            data.panorama_type, data.fisheye_fov = "FISHEYE_LENS_POLYNOMIAL", 3.1
             for power, value in enumerate(_angle_by_radius(camera, 36.0)):
-                setattr(settings, f"fisheye_polynomial_k{power}", -value)
-            settings.fisheye_fov = 3.1
+                setattr(data, f"fisheye_polynomial_k{power}", -value)
         else:
             data.type, data.lens = "PERSP", focal * 36.0
         rotation, center = camera.world_to_camera[:, :3], np.array(camera.position)
