@@ -5,6 +5,7 @@ from enum import StrEnum
 from typing import Self
 
 from v3studio.gui.pages.choices import Choice
+from v3studio.pipelines.takes.authored.edits import limit_words
 from v3studio.studio.counts import counted
 from v3studio.studio.edits.edit_list import Floaters
 
@@ -87,21 +88,9 @@ def hint(tool: Tool, selected: int | None, back: int, floaters: Floaters | None,
         return words
     says = f"{counted(selected, 'splat') if selected else 'No splats'} selected"
     if tool == Tool.FLOATERS:
+        limits = "no limits" if floaters is None else ", ".join(limit_words(floaters))
         if in_use:
-            return f"Removed already: {_limits(floaters)}. Change the limits with Numbers."
+            return f"Removed already: {limits}. Change the limits with Numbers."
         more = f", {back:,} no longer removed" if back else ""
-        return f"{says}{more}: {_limits(floaters)}. Press Remove, or change the limits with Numbers."
+        return f"{says}{more}: {limits}. Press Remove, or change the limits with Numbers."
     return f"{says}. Press Remove. {words}" if selected else f"{says}. {words}"
-
-
-def _limits(floaters: Floaters | None) -> str:
-    if floaters is None:
-        return "no limits"
-    parts = []
-    if floaters.opacity is not None:
-        parts.append(f"opacity below {floaters.opacity:g}")
-    if floaters.share is not None:
-        parts.append(f"in clusters below {100 * floaters.share:g}% of the splats")
-    if floaters.splats is not None:
-        parts.append(f"in clusters of fewer than {floaters.splats:,} splats")
-    return " or ".join(parts)

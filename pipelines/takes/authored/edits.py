@@ -194,7 +194,7 @@ def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailM
             height = placed.points(edit.height * np.array(edit.normal)) @ normal
             return f"nothing below {height:.4g} along {_point(normal)}"
         case Floaters():
-            return ", ".join(_limits(edit))
+            return ", ".join(limit_words(edit))
         case Region():
             kind = "lasso" if edit.radius is None else "brush"
             near, far = (placed.scale * (limit or 0.0) for limit in (edit.near, edit.far))
@@ -215,10 +215,11 @@ def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailM
             return ", ".join(parts) or "as captured"
 
 
-def _limits(floaters: Floaters) -> list[str]:
+def limit_words(floaters: Floaters) -> list[str]:
+    """Words for each limit of floaters that is set."""
     limits = [] if floaters.opacity is None else [f"splats that never reach opacity {floaters.opacity:.4g}"]
     if floaters.splats is not None:
-        limits.append(f"clusters of fewer than {floaters.splats} splats")
+        limits.append(f"clusters of fewer than {floaters.splats:,} splats")
     if floaters.share is not None:
         limits.append(f"clusters of less than {100 * floaters.share:.4g}% of the splats")
     if floaters.distance is not None:
