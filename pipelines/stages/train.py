@@ -127,17 +127,14 @@ def _train_groups(
         with plan.take.group_locked(STAGE.name, group.index, progress.check) if lock else nullcontext():
             if not plan.is_done(group):
                 job = GroupJob(
+                    plan=plan,
                     group=group,
                     keys=keys[group.index],
-                    final_keys=plan.final_keys(keys[group.index]),
                     trained=plan.trained(group),
-                    take=plan.take,
                     views=views,
                     previews=previews,
                     readers=max(1, plan.inputs.threads // at_once),
                     sides_at_once=sides_at_once(plan.inputs, plan.threads[group.index]),
-                    seed=plan.seed,
-                    since=plan.since,
                 )
                 train_group(job, progress)
         written(group.index)

@@ -17,6 +17,7 @@ from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.stages.training.camera_fit import initial_points
 from v3studio.pipelines.stages.training.group_scheduler import run_groups
+from v3studio.pipelines.stages.training.plan import TrainPlan
 from v3studio.pipelines.stages.training.progress import WHOLE, Previews, TrainProgress
 from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
@@ -30,7 +31,6 @@ from v3studio.pipelines.takes.frames.frame_files import (
 )
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.pipelines.takes.results.stage_files import TrainedGroup
-from v3studio.pipelines.takes.take import Take
 from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import Message
 
@@ -50,22 +50,18 @@ Seen = dict[int, list["TrainingView"]]  # the views of frames that joint trainin
 
 @dataclass(frozen=True, eq=False)
 class GroupJob:
-    """A group to train, and with what. `keys`: of its frames before joint training; `final_keys`: after it, equal if
-    there is none; `trained`: positions of the frames that are trained already, not counting joint training; `readers`:
-    cameras that are read in parallel; `sides_at_once`: 2 to train both sides of the keyframe in parallel; `seed`: of
-    the run; `since`: as in `Inputs`, of this stage."""
+    """A group to train, and with what. `keys`: of its frames before joint training; `trained`: positions of the frames
+    that are trained already, not counting joint training; `readers`: cameras that are read in parallel;
+    `sides_at_once`: 2 to train both sides of the keyframe in parallel."""
 
+    plan: TrainPlan
     group: Group
-    keys: Sequence[str]
-    final_keys: Sequence[str]
+    keys: list[str]
     trained: Set[int]
-    take: Take
     views: ViewReader
     previews: Previews
     readers: int
     sides_at_once: int
-    seed: int
-    since: int
 
     @property
     def settings(self) -> TrainSettings:
@@ -77,18 +73,17 @@ class GroupJob:
 
     def seed_of(self, what: int | str) -> int:
         """The seed of a frame by its position, or of "joint" training."""
-        return derived_seed(self.seed, "train", self.group.index, what)
+        return derived_seed(self.plan.seed, "train", self.group.index, what)
 
     def frame_path(self, position: int) -> Path:
-        return self.take.trained_frame(self.group.index, self.group.first + position)
+        return self.plan.take.trained_frame(self.group.index, self.group.first + position)
 
     def separate_path(self, position: int) -> Path:
-        return self.take.separate_frame(self.group.index, self.group.first + position)
+        return self.plan.take.separate_frame(self.group.index, self.group.first + position)
 
     def before_joint(self, position: int) -> Path:
         """The file of a trained frame as it was trained alone, not jointly."""
-        path = self.frame_path(position)
-        return path if has_key(path, self.keys[position], self.since) else self.separate_path(position)
+        return self.plan.before_joint(self.group, position, self.keys[position]) or self.separate_path(position)
 
     def about(self, position: int, key: str) -> FrameMetadata:
         group = self.group
@@ -104,7 +99,7 @@ def train_group(job: GroupJob, progress: TrainProgress) -> None:
     import torch
 
     group, report = job.group, GroupReport(job)
-    seen: Seen | None = {} if job.keys != job.final_keys else None
+    seen: Seen | None = {} if job.keys != job.plan.final_keys(job.keys) else None
     if group.middle not in job.trained:
         _train_frames(job, report, [group.middle], progress, seen)
     sides = [[position for position in side if position not in job.trained] for side in group.sides]
@@ -126,7 +121,7 @@ class GroupReport:
 
     def __init__(self, job: GroupJob) -> None:
         self._job, self._lock = job, threading.Lock()
-        self._path = job.take.train_group(job.group.index) / "group.json"
+        self._path = job.plan.take.train_group(job.group.index) / "group.json"
         before = read_model(self._path, TrainedGroup) if self._path.is_file() else None
         known = () if before is None else before.seconds[: len(job.group.frames)]
         pairs = zip_longest(job.group.frames, known, fillvalue=0.0)
@@ -152,7 +147,7 @@ class GroupReport:
                 joint_seconds=round(seconds.get(WHOLE, 0.0), 3),
             )
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._job.take.forget("train")
+            self._job.plan.take.forget("train")
             write_model(self._path, report)
 
 
@@ -181,7 +176,7 @@ def _train_frames(
             progress.finished(group, position, seconds)
             report.write(gaussians, {position: seconds})
             write_frame(job.frame_path(position), gaussians, job.about(position, job.keys[position]))
-            remove(job.take.keyframe_checkpoint(group.index))
+            remove(job.plan.take.keyframe_checkpoint(group.index))
             index, frame = group.first + position, group.frames[position]
             figures = {"index": index, "splats": len(gaussians), "seconds": round(seconds, 2)}
             reporter.metrics(figures, group=group.index, frame=frame)
@@ -210,7 +205,7 @@ def _keyframe(job: GroupJob, report: GroupReport, views: list[TrainingView], pro
     from v3studio.studio.training import train_keyframe
 
     group, reporter = job.group, progress.reporter
-    path, key = job.take.keyframe_checkpoint(group.index), job.keys[group.middle]
+    path, key = job.plan.take.keyframe_checkpoint(group.index), job.keys[group.middle]
 
     def keep(step: int, state: dict[str, Tensor]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -220,12 +215,12 @@ def _keyframe(job: GroupJob, report: GroupReport, views: list[TrainingView], pro
         report.outlines_off = refinement.off
         _tell_outlines(group, refinement, reporter)
 
-    resume = read_tensors(path, key, job.since)
+    resume = read_tensors(path, key, job.plan.since)
     if resume is not None:
         reporter.log(f"group {group.index}: resuming the keyframe at step {int(resume['done'])}")
     gaussians = train_keyframe(
         views,
-        *initial_points(job.take, group, job.device),
+        *initial_points(job.plan.take, group, job.device),
         job.settings,
         seed=job.seed_of(group.middle),
         progress=progress.training(group, group.middle),
@@ -268,8 +263,8 @@ def _train_jointly(job: GroupJob, report: GroupReport, progress: TrainProgress, 
     frames that this run has read already."""
     from v3studio.studio.training import train_jointly
 
-    group, reporter, key = job.group, progress.reporter, job.final_keys[0]
-    path = job.take.joint_checkpoint(group.index)
+    group, reporter, key = job.group, progress.reporter, job.plan.final_keys(job.keys)[0]
+    path = job.plan.take.joint_checkpoint(group.index)
 
     def keep(step: int, state: dict[str, Tensor]) -> None:
         write_tensors(path, state, FrameMetadata(key=key, step=step, group=group.index))
@@ -279,7 +274,7 @@ def _train_jointly(job: GroupJob, report: GroupReport, progress: TrainProgress, 
         if position not in seen:
             seen[position] = _kept_views(job, position, _read_views(job, position, progress, tell=True))
     frames = [read_frame(job.before_joint(position)) for position in positions]
-    resume = read_tensors(path, key, job.since)
+    resume = read_tensors(path, key, job.plan.since)
     if resume is not None:
         reporter.log(f"group {group.index}: resuming joint training at step {int(resume['done'])}")
     started = reporter.clock()
@@ -297,7 +292,7 @@ def _train_jointly(job: GroupJob, report: GroupReport, progress: TrainProgress, 
     progress.finished(group, WHOLE, seconds)
     # first all of these, since a run that is killed among the others needs them
     for position, before, own in zip(positions, frames, job.keys, strict=True):
-        if not has_key(job.separate_path(position), own, job.since):
+        if not has_key(job.separate_path(position), own, job.plan.since):
             write_frame(job.separate_path(position), before, job.about(position, own))
     report.write(trained[0], {WHOLE: seconds})
     for position, gaussians in zip(positions, trained, strict=True):
