@@ -143,8 +143,8 @@ class Body:
             self.scene.add_triangles(mesh)
 
     def hit(self, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What rays (..., 3) from an origin (3,) meet: (...,) bool, whether they do, and of those M that do, (M, 3)
-        points, (M, 3) RGB of the texture there in 0 to 1, and (M, 3) unit normals."""
+        """Cast rays (..., 3) from an origin (3,): (...,) bool, whether they meet the body, and of those M that do, (M,
+        3) points, (M, 3) RGB of the texture there in 0 to 1, and (M, 3) unit normals."""
         packed = np.concatenate([np.broadcast_to(origin, rays.shape), rays], -1).astype(np.float32)
         hits = self.scene.cast_rays(o3d.core.Tensor(packed), nthreads=1)
         distance = hits["t_hit"].numpy()

@@ -61,7 +61,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Scene:
-    """What differs between the captures: lights, room, and whether the performer has thin parts."""
+    """The differences between the captures: lights, room, and whether the performer has thin parts."""
 
     lights: tuple[Light, ...]
     ambient: float

@@ -20,7 +20,8 @@ from v3studio.gui.drawing.icons import CODES, FONT, ICON_SIZE
 
 UNITS = 1000
 ASCENT, DESCENT = 928, -244
-"""Of Roboto, in 1000 units of its em: the toolkit scales each font so that ascent plus descent fill the line."""
+"""Measures of Roboto, in 1000 units of its em: the toolkit scales each font so that ascent plus descent fill the
+line."""
 
 CAPITALS = 711  # height of Roboto's capitals
 SIDE = round(UNITS * ICON_SIZE)  # size of the icons' square

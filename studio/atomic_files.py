@@ -103,7 +103,8 @@ def _has_writer(path: Path, named: re.Match[str]) -> bool:
 
 
 def _last_written(path: Path) -> float:
-    """When a file, or one in a folder, was last changed; seconds since the epoch, 0 if it does not exist any more."""
+    """Time at which a file, or one in a folder, was last changed; seconds since the epoch, 0 if it does not exist any
+    more."""
     last = 0.0
     for inner in (path, *path.rglob("*")):
         with suppress(FileNotFoundError):

@@ -23,8 +23,8 @@ _BRACKETS = re.compile(rb"[\[{]+|[\]}]+")
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a text may hold: bytes, lists and objects inside of each other, and values of any kind, those of a YAML
-    alias counted each time that it stands for them."""
+    """The most that a text may hold: bytes, lists and objects inside of each other, and values of any kind, those of a
+    YAML alias counted each time that it stands for them."""
 
     size: int = 64 << 20
     depth: int = 64

@@ -48,7 +48,7 @@ class ChromaSampling:
         return sampling
 
     def shift(self, siting: Siting) -> float:
-        """How far to the right of the decoder's samples an encoder took them that used `siting`, in pixels."""
+        """Pixels to the right of the decoder's samples at which an encoder that used `siting` took them."""
         if self.siting is None:
             return 0.0
         middle = (self.step[0] - 1) / 2

@@ -195,7 +195,7 @@ _BOUNDS = {
 
 
 def violation(problem: Mapping[str, Any]) -> str:
-    """What a value must be ("must be at most 51"), from an entry of `pydantic.ValidationError.errors()`."""
+    """The rule that a value breaks ("must be at most 51"), from an entry of `pydantic.ValidationError.errors()`."""
     kind, details = problem["type"], problem.get("ctx", {})
     if kind in _WORDS:
         return _WORDS[kind]

@@ -118,7 +118,8 @@ class Gaussians:
         return {name: tensor.detach().cpu().contiguous() for name, tensor in self.items()}
 
     def state_dict(self) -> dict[str, Tensor]:
-        """What safetensors stores: `on_cpu`, and a dilation other than `DILATION` as a float64 scalar, `dilation`."""
+        """The tensors that safetensors stores: `on_cpu`, and a dilation other than `DILATION` as a float64 scalar,
+        `dilation`."""
         state = self.on_cpu()
         if self.dilation != DILATION:
             state["dilation"] = torch.tensor(self.dilation, dtype=torch.float64)

@@ -53,7 +53,8 @@ def undone(frame: Similarity, *, placed: bool) -> Similarity:
 
 
 def frame_sentence(frame: Similarity, whose: str = "take", of: str = "cameras") -> str | None:
-    """What the frame does, for logs and checks; None: nothing. Nouns: `whose` has it, `of` (plural) are far away."""
+    """A sentence on the frame, for logs and checks; None: it does nothing. Nouns: `whose` has it, `of` (plural) are far
+    away."""
     if frame.is_identity:
         return None
     x, y, z = frame.inverse.translation

@@ -189,7 +189,7 @@ def field_named(model: type[Settings], name: str) -> FieldInfo | None:
 
 
 def nearest_sentence(model: type[Settings], name: str) -> str:
-    """What to do about an unknown setting: the most similar setting or section, if one is similar."""
+    """The fix for an unknown setting: the most similar setting or section, if one is similar."""
     close = partial(difflib.get_close_matches, n=1)
     known = list(affected(model))
     sections = sorted({setting.rpartition(".")[0] for setting in known})
@@ -262,7 +262,7 @@ def _mistake(
 
 
 def _default_sentence(model: type[Settings], name: str) -> str:
-    """What a setting is if nothing is said; "" for those of nested models."""
+    """A sentence on the default of a setting; "" for those of nested models."""
     field = field_named(model, name)
     if field is None or field.is_required():
         return ""

@@ -26,7 +26,7 @@ PAGES = [
     *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY")),
 ]
 OTHER_OPTIONS = {"--version", "--help", "--size", "--log-state", "--node-ip-address", "--gpus-per-node", "--partition"}
-"""Of `v3studio` itself, `v3studio-gui`, Ray, Slurm and benchmarks."""
+"""Options of `v3studio` itself, `v3studio-gui`, Ray, Slurm and benchmarks."""
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 TARGETS = re.findall(r"^([a-z-]+):.*?## ", MAKEFILE, re.MULTILINE)
@@ -56,7 +56,7 @@ def test_documented_commands_parse(page: str, line: str) -> None:
 
 
 def test_commands_and_options_in_sentences_exist(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In code spans, also with placeholders, such as `v3studio check FOLDER`, or options alone."""
+    """Commands in code spans, also with placeholders, such as `v3studio check FOLDER`, or options alone."""
     monkeypatch.setenv("COLUMNS", "100")  # the generator sets it
     monkeypatch.syspath_prepend(ROOT / "docs")
     reference = runpy.run_path(str(ROOT / "docs" / "generate" / "commands.py"))["commands_page"]()

@@ -56,7 +56,7 @@ def imported_names(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def tracked_files() -> list[Path]:
-    """What git tracks, or would track: nothing that is ignored."""
+    """Files that git tracks, or would track: nothing that is ignored."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
@@ -91,7 +91,7 @@ PIPELINES = (
     "cli", "commands", "ablation", "comparison", "estimate", "export", "share", "review", "batch", "runs", "new_take",
     "inspection", "stages", "reports", "outputs", "takes", "events", "config", "version",
 )  # fmt: skip
-"""Of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""
+"""Modules of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""
 
 
 def assert_no_circle(edges: dict[str, set[str]]) -> None:
@@ -155,7 +155,7 @@ GUI = (
     "app", "window", "user_input", "updates", "overlays", "state", "actions", "pace", "figures", "layout", "viewport",
     "pages", "widgets", "models.take", "models.playback", "models.scene", "models", "drawing", "platform",
 )  # fmt: skip
-"""Of `gui`, top down: each may import the ones after it, and nothing before it."""
+"""Modules of `gui`, top down: each may import the ones after it, and nothing before it."""
 
 
 STUDIO = (
@@ -165,7 +165,7 @@ STUDIO = (
     "dilation", "settings", "yaml_text", "bounded_files", "atomic_files", "memory", "memory_cache", "process",
     "progress", "validation", "counts", "errors", "json_types",
 )  # fmt: skip
-"""Of `studio`, top down: each may import the ones after it, and nothing before it."""
+"""Modules of `studio`, top down: each may import the ones after it, and nothing before it."""
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ STUDIO = (
 )
 def test_packages_import_downwards(root: str, order: tuple[str, ...]) -> None:
     def level(module: str) -> int:
-        """Of the longest name in `order` that the module is in."""
+        """The place of the longest name in `order` that the module is in."""
         inner = f"{module.removeprefix(root)}."
         return order.index(max((name for name in order if inner.startswith(f"{name}.")), key=len))
 
@@ -296,7 +296,7 @@ def test_no_file_names_a_machines_folders() -> None:
 
 
 STARTS = re.compile(r"sys\.executable|(subprocess|os)\.(Popen|run|call|check_\w+|exec\w+|\w*spawn\w*|system|popen)\(")
-"""What starts a program; types and constants of `subprocess` are harmless."""
+"""Calls that start a program; types and constants of `subprocess` are harmless."""
 
 
 def test_programs_are_started_in_one_place() -> None:

@@ -16,7 +16,8 @@ READS_OR_WRITES = re.compile(
 
 
 def annotations(tree: ast.Module) -> Iterator[ast.expr]:
-    """Those of signatures and of fields of classes and modules, and type aliases; not those of local variables."""
+    """Annotations of signatures and of fields of classes and modules, and type aliases; not those of local
+    variables."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs, node.args.vararg]

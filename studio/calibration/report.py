@@ -165,7 +165,7 @@ class CalibrationReport(SolutionReport):
 
     # added by the calibrate stage
     verdict: RigVerdict | None = None
-    """What matches between the images, found without the cameras, say about them; None if they were not asked."""
+    """The verdict of matches between the images, found without the cameras; None if they were not asked."""
     source: str | None = None  # footage, board or tie points
     file: str | None = None  # the tie point file
     frames: list[int] = []  # frames that the images are from

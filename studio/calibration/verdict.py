@@ -139,7 +139,7 @@ def _share(counts: Mapping[tuple[str, str], tuple[int, int]]) -> float | None:
 
 
 def _images(evidence: _Evidence) -> RigVerdict:
-    """What the matches say."""
+    """The verdict of the matches."""
     if not evidence.known:
         return RigVerdict(
             grade="usable",

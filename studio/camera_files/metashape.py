@@ -87,7 +87,7 @@ def read(file: CameraFile) -> Rig:
 
 
 def _offset_notes(placed: list[str], scales: list[float]) -> tuple[str, ...]:
-    """What was assumed of cameras that are placed from their masters, by the scales of chunk and components."""
+    """A note on assumptions about cameras that are placed from their masters, by the scales of chunk and components."""
     if not placed:
         return ()
     note = f"Placed from their masters, with offsets in units of the chunk: {cameras_listed(placed)}."

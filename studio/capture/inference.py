@@ -41,7 +41,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class _Form:
-    """How names are read: camera ("" if none) and frame (None if none) of each, as a part of a pattern."""
+    """A reading of names: camera ("" if none) and frame (None if none) of each, as a part of a pattern."""
 
     fragment: str
     fields: dict[str, tuple[str, int | None]]

@@ -84,9 +84,10 @@ METRICS = (
     Metric("ssim", "SSIM", "", 4, _ssim),
     Metric("lpips", "LPIPS", "", 4, _lpips),
 )
-"""Of a view, in the order in which they are shown. PSNR as filmed, in the box; of the performer more than 3 pixels from
-the mask's outline, where a ragged mask does not count; up to 3 pixels from it, on both sides; after the best 3x4 color
-matrix of the view, since the colors of a camera that was not trained on are not known; SSIM; LPIPS, if it is asked for.
+"""Metrics of a view, in the order in which they are shown. PSNR as filmed, in the box; of the performer more than 3
+pixels from the mask's outline, where a ragged mask does not count; up to 3 pixels from it, on both sides; after the
+best 3x4 color matrix of the view, since the colors of a camera that was not trained on are not known; SSIM; LPIPS, if
+it is asked for.
 
 The words for PSNR follow the scale of EvalVid (J. Klaue et al., 2003): from 31 dB "good", from 25 dB "fair", below
 "poor" and "bad"."""

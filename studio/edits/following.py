@@ -1,4 +1,4 @@
-"""Where a part of the performer that was marked in one frame is in the others."""
+"""Follows a part of the performer that was marked in one frame to the others."""
 
 from collections.abc import Callable, Sequence
 

@@ -36,7 +36,7 @@ _WRONG = 0.09  # colors 0 to 1; with the patches in another order, the misfit is
 
 @dataclass(frozen=True, eq=False)
 class ChartColors:
-    """What a camera sees of a chart."""
+    """The patches of a chart as a camera sees them."""
 
     colors: np.ndarray  # (24, 3) RGB of each patch, 0 to 1, in the order of `REFERENCE`
     clipped: np.ndarray  # (24,) whether a channel of the patch is too dark or too bright to be measured

@@ -165,7 +165,7 @@ class _Node:
         return [self._curve(knob, part) for part in parts]
 
     def _flat(self, value: list[Value]) -> list[Value]:
-        """Without braces around all values, or around rows of them."""
+        """The values without braces around all of them, or around rows of them."""
         if value and value[0] == "curve":
             return [value]
         return [part for item in value for part in (self._flat(item) if isinstance(item, list) else [item])]

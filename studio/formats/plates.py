@@ -1,4 +1,4 @@
-"""What a compositor needs of one frame: its colors with alpha, and where each pixel is, faces and moves.
+"""The images that a compositor needs of a frame: its colors with alpha, and where each pixel is, faces and moves.
 
 Colors may be blurred by motion: the mean of several instants while the shutter is open. Between two frames of a group,
 whose splats correspond, splats move on straight lines; at the ends of a group they move on as they did.
@@ -39,8 +39,8 @@ class Plate:
 
 @dataclass(frozen=True)
 class Shutter:
-    """When the colors of a frame are recorded: degrees (0 to 360; 0: an instant) for which the shutter is open around
-    the time of the frame, and the number of instants whose mean is taken, at least 1."""
+    """The time in which the colors of a frame are recorded: degrees (0 to 360; 0: an instant) for which the shutter is
+    open around the time of the frame, and the number of instants whose mean is taken, at least 1."""
 
     angle: float = 0.0
     samples: int = 1

@@ -325,7 +325,7 @@ class UsdFrames:
         return StudioError("usd.unsupported", f"{at}{problem}", file=self.path, fix=fix)
 
     def _time_codes(self) -> list[float]:
-        """When something changes: splats, their transforms or their visibility."""
+        """Time codes at which splats, their transforms or their visibility change."""
         codes: set[float] = set()
         for prim in self._prims:
             for attribute in prim.GetAttributes():

@@ -36,7 +36,7 @@ class FileMaskSource:
         return tuple(self._sources)
 
     def values(self, camera: str) -> MaskValues:
-        """What a camera's masks mean, from three of them. Raises StudioError: `mask.missing`, `mask.no_label`."""
+        """The meaning of a camera's masks, from three of them. Raises StudioError: `mask.missing`, `mask.no_label`."""
         if camera not in self._values:
             source = self._source(camera, 0)
             count = len(source.frames)
@@ -61,7 +61,7 @@ class FileMaskSource:
 
     @property
     def warnings(self) -> list[Message]:
-        """What is not as in usual masks: they are nearly black (`mask.weak`), or inverted (`mask.inverted`)."""
+        """Warnings about unusual masks: they are nearly black (`mask.weak`), or inverted (`mask.inverted`)."""
         sampled = self.sampled
         weak = {name: own for name, own in sampled.items() if not own.labels and 0 < own.highest < own.full / 2}
         # in most images, a performer is in the middle
@@ -129,7 +129,7 @@ class FileMaskSource:
 
 
 def _instead_of_inverted(meaning: MaskValues, chosen: tuple[int, ...]) -> str:
-    """What to do about masks whose border is foreground."""
+    """The fix for masks whose border is foreground."""
     others = [label for label in meaning.labels if label != meaning.around]
     if chosen == INVERTED:
         return "If that is not so, remove capture.mask_labels."
@@ -178,7 +178,7 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
 
 
 def _described(meanings: Mapping[str, MaskValues]) -> str:
-    """What the masks of some cameras contain, in parentheses."""
+    """A description of the masks of some cameras, in parentheses."""
     kinds = {str(meaning): name for name, meaning in meanings.items() if meaning.highest}
     words = f" ({'; '.join(f'camera {name}: {kind}' if len(kinds) > 1 else kind for kind, name in kinds.items())})"
     return words if kinds else " (all that were looked at are empty)"

@@ -96,7 +96,7 @@ class GarbageMasks:
 
 @dataclass(frozen=True)
 class MaskInputs:
-    """What a source of masks is opened with."""
+    """The inputs with which a source of masks is opened."""
 
     spec: CaptureSettings
     sources: Mapping[str, FrameSource]  # frames of each camera

@@ -1,4 +1,4 @@
-"""What the values of mask files mean: soft masks, or labels of people and parts.
+"""The meaning of the values of mask files: soft masks, or labels of people and parts.
 
 Programs write the same mask as 0 and 255, 0 and 1, 0 and 65535, as a float from 0 to 1, as the alpha channel, as the
 number of a palette's color, or as the number of a person or a part of the body. Whether small numbers are labels or the
@@ -25,7 +25,7 @@ _SCALES = {True: (255.0, 65535.0), False: (1.0, 255.0, 65535.0)}
 
 @dataclass(frozen=True)
 class MaskValues:
-    """What the values of a camera's masks mean."""
+    """The meaning of the values of a camera's masks."""
 
     labels: tuple[int, ...] = ()  # the numbers that were found, without 0, if they are labels; empty for soft masks
     full: float = 255.0  # the value of a soft mask that is entirely foreground
@@ -75,7 +75,7 @@ def mask_channel(values: np.ndarray) -> np.ndarray:
 
 
 def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] = ()) -> MaskValues:
-    """What the values of masks mean, (H, W) each, as from `read_mask_values`; `chosen`: as in `MaskValues.mask`.
+    """The meaning of the values of masks, (H, W) each, as from `read_mask_values`; `chosen`: as in `MaskValues.mask`.
 
     Few different numbers are labels if those between black and white fill areas. Those of smooth edges do not, and if
     the masks are not `exact`, but were stored with loss, there are no labels.

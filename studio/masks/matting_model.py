@@ -28,7 +28,7 @@ _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 @dataclass(frozen=True)
 class Kind:
-    """How a model was trained."""
+    """The way in which a model was trained."""
 
     mean: tuple[float, float, float]  # (red, green, blue), subtracted from values in 0..1
     deviation: tuple[float, float, float]  # by which they are then divided

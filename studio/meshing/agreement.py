@@ -40,7 +40,7 @@ class MaskAgreement:
 
     @property
     def error(self) -> float:
-        """Both together."""
+        """The sum of both."""
         return self.missing + self.extra
 
 

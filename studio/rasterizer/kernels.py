@@ -33,7 +33,7 @@ def uses_triton(tensor: Tensor) -> bool:
 
 @contextmanager
 def definitions_only() -> Iterator[None]:
-    """In this block, `kernels_for` gives None: for tests and measurements."""
+    """Let `kernels_for` give None within: for tests and measurements."""
     global _enabled
     before, _enabled = _enabled, False
     try:

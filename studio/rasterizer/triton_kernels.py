@@ -382,7 +382,7 @@ def project_splats(
     count, near, dilation,
     COEFFICIENTS: tl.constexpr, OFFSETS: tl.constexpr,
 ):  # fmt: skip
-    """What each splat looks like in each view, and the tiles of its box.
+    """Compute the shape of each splat in each view, and the tiles of its box.
 
     Args:
         means, quats, log_scales, logits, sh: of `Gaussians`, float32.

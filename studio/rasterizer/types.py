@@ -32,7 +32,7 @@ image, which makes a crop differ from the same part of the full view. A fixed bo
 """
 
 FIELD_MARGIN = 0.3
-"""In views wider than `FIELD`, the bound is this fraction of half the image size outside the image, as in gsplat."""
+"""Bound in views wider than `FIELD`: so large a fraction of half the image size outside the image, as in gsplat."""
 
 
 @dataclass(eq=False)

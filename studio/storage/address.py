@@ -10,7 +10,7 @@ PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs", "abfs": 
 
 CREDENTIALS = "contains credentials (a colon before an @, or a query)"
 CREDENTIALS_FIX = "Leave them out and set them in the environment, such as AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
-"""What messages say about such an address. They never repeat it."""
+"""The text of messages about such an address. They never repeat it."""
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/+")
 

@@ -170,7 +170,7 @@ def pointer_bytes(pointer: Pointer) -> bytes:
 
 
 def read_pointer(path: Path) -> Pointer | None:
-    """What a file stands for; None if it is an ordinary file, or missing."""
+    """The object that a file stands for; None if it is an ordinary file, or missing."""
     try:
         if os.stat(path).st_size > _MOST_BYTES:
             return None

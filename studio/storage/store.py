@@ -113,7 +113,7 @@ class Store:
         return text
 
     def _failed(self, what: str, path: str, error: Exception) -> StudioError:
-        """What a file system raised, without credentials."""
+        """The error of a file system, without credentials."""
         file = f"{self.address}/{path}" if path else self.address
         reason = without_secrets(f"{reason_of(error)}")
         text = self._without_names(f"{type(error).__name__} {error}", path)

@@ -51,8 +51,8 @@ class GroupIndex:
         return self.manifest.pages[place - 1] if place else None
 
     def files(self, number: int) -> tuple[FileEntry, ...]:
-        """What playing group `number` takes, in the order in which a player needs it: its page, and its own files in
-        all renditions."""
+        """The files that playing group `number` takes, in the order in which a player needs it: its page, and its own
+        files in all renditions."""
         page = self.page_of(number)
         return (*(() if page is None else (page,)), *self.group(number).files)
 

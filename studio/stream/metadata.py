@@ -56,7 +56,7 @@ class CapturePlace:
 
 @dataclass(frozen=True, eq=False)
 class StreamMetadata:
-    """What a stream says about its presentation.
+    """The words of a stream about its presentation.
 
     Attributes:
         suggested_camera: a good first view; None if there is none.

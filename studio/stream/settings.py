@@ -99,7 +99,7 @@ DEFAULT_LADDER = (
     Rung(qp=24, splats=0.5, sh_degree=0),
     Rung(qp=28, splats=0.25, sh_degree=0),
 )
-"""What `v3studio bake --ladder` bakes: four rates of all splats, and two rungs for phones."""
+"""The ladder of `v3studio bake --ladder`: four rates of all splats, and two rungs for phones."""
 
 
 _B_FRAMES = 5  # B-frames between P-frames, unless the settings say otherwise

@@ -65,7 +65,8 @@ class StreamSound:
         return av.open(io.BytesIO(self._data), "r", format="mp4")
 
     def read(self, first: int, count: int) -> np.ndarray:
-        """See `Pcm.read`: (count, channels) float32 from `first` on, silence outside; StudioError if damaged."""
+        """The samples as `Pcm.read` describes them: (count, channels) float32 from `first` on, silence outside;
+        StudioError if damaged."""
         out = np.zeros((count, self.channels), np.float32)
         low, high = max(first - self._skip, 0), min(first + count - self._skip, self.entry.samples)
         if high <= low:

@@ -25,11 +25,11 @@ REFINE_EVERY = 100
 """Steps after which the masks are refined again."""
 
 RAGGED_ABOVE = 5.0
-"""For auto: masks are refined above this percentage of their outlines that splats disagree with, see `outlines_off`.
+"""Percentage of outlines that splats disagree with above which auto refines masks, see `outlines_off`.
 Up to 4 for good masks, 6 and more for agreed and ragged ones (docs/measurements/masks.md)."""
 
 _MOVED_OFF = 1.5
-"""For auto in later frames: above this multiple of the keyframe's percentage, the motion was not found. The given masks
+"""Multiple of the keyframe's percentage above which auto takes the motion of later frames for not found. Given masks
 are then kept until fine-tuning has brought the splats closer."""
 
 

@@ -75,7 +75,7 @@ def video(original: Similarity) -> SplatVideo:
 
 @pytest.fixture(params=[3.0, 3000.0], ids=["meters", "millimeters"])
 def original(request: pytest.FixtureRequest) -> Similarity:
-    """Of a take 5,000 km from zero, in meters or in millimeters."""
+    """The place of a take 5,000 km from zero, in meters or in millimeters."""
     return undone(own_frame(ring(request.param, FAR * request.param / 3)), placed=False)
 
 

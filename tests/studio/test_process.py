@@ -1,4 +1,4 @@
-"""What libraries do to this process; programs that start in a stranger's folder execute nothing of it."""
+"""Libraries that change this process; programs that start in a stranger's folder execute nothing of it."""
 
 import contextlib
 import ctypes

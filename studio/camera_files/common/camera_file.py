@@ -20,7 +20,7 @@ class CameraFile:
 
     @cached_property
     def kind(self) -> Literal["csv", "json", "xml", "yaml", ""]:
-        """What the extension says, or else the first characters; "" for folders and other files."""
+        """The kind by the extension, or else by the first characters; "" for folders and other files."""
         suffix = self.path.suffix.lower()
         if self.path.is_dir():
             return ""

@@ -83,7 +83,7 @@ def normal_key(key: str, camera: str = "") -> str:
 
 @dataclass(frozen=True)
 class KeyedForm:
-    """How a program writes a camera."""
+    """The form in which a program writes a camera."""
 
     corner: bool = False  # whether the pixel origin is the image corner, not the center of the first pixel as in OpenCV
     centered: bool = False  # whether the principal point is the image center, and pixels are square, unless given
@@ -227,11 +227,11 @@ _NEEDED: tuple[tuple[str, tuple[set[str], ...]], ...] = (
     ("pose", ({"rotation", "translation"}, {"world_to_camera"}, {"camera_to_world"})),
     ("image size", ({"size"}, {"width", "height"})),
 )
-"""What a camera needs, and the sets of canonical keys of which one gives it."""
+"""The parts that a camera needs, each with the sets of canonical keys of which any gives it."""
 
 
 def _missing(given: _Given, centered: bool) -> str:
-    """What a camera needs and does not have; "" if it has everything."""
+    """The part that a camera needs and does not have; "" if it has everything."""
     known = set(given)
     if centered:
         known |= {"K"} if known & {"fx", "angle_x"} else set()

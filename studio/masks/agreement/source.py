@@ -57,7 +57,7 @@ _HEARD, _COLORS = 2.0, 0.5
 _IN_COLOR = 1.5
 """Weight of colors that occur in the set only, in the lowest log-odds of a camera's own evidence."""
 _CUT, _UNCUT = 1.5, 0.5
-"""In the votes after an outline was cut: log-odds of its inside (and, negative, of its outside), and the weight of the
+"""Log-odds of an outline's inside (and, negative, outside) in the votes after it was cut, and the weight of the
 log-odds before the cut."""
 _LEARNED = 0.3
 """Share of the agreement in a camera's next vote, except the last ones. The rest is the camera's own evidence:

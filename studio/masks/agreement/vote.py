@@ -12,7 +12,7 @@ import numpy as np
 from v3studio.studio.cameras import Camera, Rig
 
 SILENT = -2.0
-"""What pixels hear behind which there is no voxel that could belong to the performer."""
+"""The votes that pixels hear behind which there is no voxel that could belong to the performer."""
 _LIMIT = 2.0
 """Log-odds of one camera's vote are clipped to this."""
 _REACH = 0.85

@@ -1,4 +1,4 @@
-"""What hardware decoders of H.264 commonly take, and where a rendition goes beyond it."""
+"""The limits of common hardware decoders of H.264, and renditions that go beyond them."""
 
 from v3studio.studio.errors import Message
 from v3studio.studio.stream.manifest import GroupEntry, MotionRendition

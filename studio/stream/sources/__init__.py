@@ -1,1 +1,1 @@
-"""Where the files of a stream come from: a folder, a web server, or one file on either."""
+"""The places that files of a stream come from: a folder, a web server, or one file on either."""

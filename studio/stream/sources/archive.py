@@ -108,7 +108,7 @@ class ArchiveSource(Source):
 
 
 class _Seekable(io.RawIOBase):
-    """What `zipfile` reads the directory through. Keeps the last block, which has most directories."""
+    """The file through which `zipfile` reads the directory. It keeps the last block, which has most directories."""
 
     def __init__(self, ranges: FileRanges | HttpSource) -> None:
         self._ranges = ranges

@@ -112,8 +112,8 @@ class HttpSource(Source):
         )
 
     def read(self, path: str, limit: int) -> bytes:
-        """See `Source.read`. SourceUnavailable if there is no complete answer before `patience` runs out; StudioError
-        if the file is missing, access is denied, or it is longer than `limit`."""
+        """Read a file as `Source.read` does. SourceUnavailable if there is no complete answer before `patience` runs
+        out; StudioError if the file is missing, access is denied, or it is longer than `limit`."""
         return self._file(path, _Partial(), limit)
 
     def read_changed(self, path: str, limit: int) -> bytes | None:

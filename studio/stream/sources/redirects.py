@@ -1,4 +1,4 @@
-"""Where a web server may send a reader."""
+"""The addresses to which a web server may send a reader."""
 
 import ipaddress
 import socket

@@ -43,7 +43,7 @@ def test_report_of_known_errors() -> None:
 
 
 def test_focal_lengths_that_are_unusual_among_cameras_of_one_size() -> None:
-    """Beyond a factor of 1.6 from the median."""
+    """They are more than a factor of 1.6 from the median."""
     focal_lengths = {"a": 100.0, "b": 100, "c": 155, "d": 165, "e": 64, "f": 61, "g": 100}
     rig = Rig(
         tuple(

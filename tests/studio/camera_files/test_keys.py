@@ -27,7 +27,7 @@ POSES = [pose(on_circle(0.3 + 1.7 * index, 3.0, 0.4)) for index in range(3)]
 
 
 def projected(world: np.ndarray, bend: list[float], corner: bool) -> np.ndarray:
-    """What OpenCV computes, with the origin at the image corner."""
+    """The pixels that OpenCV computes, with the origin at the image corner."""
     pixels = cv2.projectPoints(POINTS, cv2.Rodrigues(world[:3, :3])[0], world[:3, 3], np.array(K), np.array(bend))[0]
     return pixels.reshape(-1, 2) + (0 if corner else 0.5)
 

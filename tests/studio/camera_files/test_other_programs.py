@@ -557,7 +557,7 @@ def test_transforms_in_parts_for_training_and_test(tmp_path: Path) -> None:
 
 
 def test_what_is_unlikely_is_noted_once(tmp_path: Path) -> None:
-    """Also where a folder is given, of which the only camera file is read."""
+    """A folder is given, too, of which the only camera file is read."""
     camera = STRAIGHT["cam00"]
     write_rig(Rig((replace(camera, K=camera.K + np.eye(3, k=2) * 1000.0),)), tmp_path / "rig.json")
     assert find_camera_files(tmp_path) == [tmp_path / "rig.json"]

@@ -174,7 +174,7 @@ def test_data_sets_are_found_without_settings(
     cameras: tuple[str, ...] | None,
     level: int,
 ) -> None:
-    """Also if the capture's folder is set one level too high."""
+    """They are found if the capture's folder is set one level too high, too."""
     inner = tmp_path / "take" if level else tmp_path
     inner.mkdir(exist_ok=True)
     build(inner, make)
@@ -266,7 +266,7 @@ def test_numbers_match_names_only_if_unambiguous(make: SimpleNamespace) -> None:
 
 
 def test_footage_of_a_camera_without_a_pose_is_not_used(tmp_path: Path, make: SimpleNamespace) -> None:
-    """As Caliscope writes it: by number, with an empty rotation, and one that it ignores."""
+    """The file is as Caliscope writes it: by number, with an empty rotation, and one that it ignores."""
     for number in range(4):
         make.image(tmp_path / "images" / f"cam_{number}" / "000.png", make.numbered(0))
     rig = Rig(tuple(make.camera(f"cam_{number}") for number in range(4)))

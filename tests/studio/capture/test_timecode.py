@@ -132,7 +132,7 @@ def test_rates_and_kinds_that_differ() -> None:
 
 
 def test_a_track_that_counts_at_another_rate_is_refused(tmp_path: Path) -> None:
-    """As of cameras that film 50 frames per second and count to 25."""
+    """Timecodes are as those of cameras that film 50 frames per second and count to 25."""
     path = tmp_path / "a.mov"
     film(path, "01:00:00:02", rate=50)
     data = bytearray(path.read_bytes())

@@ -11,7 +11,7 @@ GROUPS = [range(6), range(6, 11), range(11, 20)]
 
 
 def place(frame: int) -> np.ndarray:
-    """Of the head: a curve without corners."""
+    """The path of the head, a curve without corners."""
     return np.array([0.05 * frame, 0.2 * np.sin(0.3 * frame), 1.5])
 
 

@@ -89,7 +89,7 @@ def test_changed_bytes(tmp_path: Path, name: str, data: st.DataObject) -> None:
 @REPEATED
 @given(data=st.data())
 def test_changed_values_inside_spz_4(tmp_path: Path, data: st.DataObject) -> None:
-    """Below the compression, so that the values are reached."""
+    """Bytes change below the compression, so that the values are reached."""
     good = (DATA / "degree1.spz").read_bytes()
     streams, table = good[15], struct.unpack_from("<I", good, 16)[0]
     entries = [struct.unpack_from("<QQ", good, table + 16 * index) for index in range(streams)]

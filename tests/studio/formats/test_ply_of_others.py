@@ -43,7 +43,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_the_filter_of_mip_splatting_is_merged(path: Path) -> None:
-    """Against the covariance and the integral of a Gaussian that is convolved with the filter."""
+    """The result is compared with the covariance and the integral of a Gaussian that is convolved with the filter."""
     columns = plain()
     before = read_splats(saved(path, columns))
     notes = []
@@ -101,7 +101,7 @@ def test_other_properties_and_elements_are_named(path: Path) -> None:
 def test_a_renamed_or_added_property_is_never_misread(
     tmp_path_factory: pytest.TempPathFactory, victim: str, new: str, added: bool
 ) -> None:
-    """The same splats with the property named in a note, or an error that names one of the two."""
+    """Either the splats are right and a note names the property, or an error names one of the two."""
     columns = plain()
     if new in columns:
         return

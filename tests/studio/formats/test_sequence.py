@@ -77,7 +77,8 @@ def test_names_that_do_not_say_the_order_are_refused(folder: Path) -> None:
 
 
 def test_checkpoints_of_one_folder_per_frame(folder: Path) -> None:
-    """As the released code of VideoGS leaves them: the last iteration of each frame, in the order of the frames."""
+    """The folders are as the released code of VideoGS leaves them: the last iteration of each frame, in the order of
+    the frames."""
     for frame in (0, 9, 10):
         for iteration in (7000, 30000):
             place = folder / str(frame) / "point_cloud" / f"iteration_{iteration}"

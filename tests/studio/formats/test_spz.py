@@ -218,7 +218,7 @@ def test_extensions_after_the_attributes_of_version_3_and_damaged_ones(tmp_path:
 def test_other_records_and_flags_are_never_misread(
     tmp_path_factory: pytest.TempPathFactory, make_splats: MakeSplats, kind: int, body: bytes, flags: int
 ) -> None:
-    """The same splats and a note that names what was ignored, or an error."""
+    """Either the splats are right and a note names what was ignored, or there is an error."""
     path = tmp_path_factory.mktemp("spz") / "a.spz"
     write_splats(make_splats(20), path)
     meant = read_splats(path)

@@ -173,8 +173,8 @@ def test_garbage_masks_per_frame(tmp_path: Path, make: SimpleNamespace) -> None:
 
 
 def test_the_screen_behind_the_performer_is_the_mean_of_what_is_near() -> None:
-    """As Gaussian means at full size, of which wider ones count where the screen is far. Pixels that the performer's
-    edge may reach, up to 3 pixels from the mask, count for nothing."""
+    """The screen is compared with Gaussian means at full size, of which wider ones count where the screen is far.
+    Pixels that the performer's edge may reach, up to 3 pixels from the mask, count for nothing."""
     rows, columns = np.mgrid[0:160, 0:240]
     light = 120 + columns / 4 + 30 * np.sin(rows / 25)
     image = np.rint(light[..., None] * np.array([0.4, 1.0, 0.5]))

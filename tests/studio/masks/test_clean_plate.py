@@ -12,7 +12,7 @@ BRIGHTER = 20.0
 
 
 def evidence_on(plate: np.ndarray) -> float:
-    """In the middle of a patch of 31 x 31 pixels of a (H, W) gray plate without noise."""
+    """Evidence in the middle of a patch of 31 x 31 pixels of a (H, W) gray plate without noise."""
     height, width = plate.shape
     gray = np.repeat(plate[..., None], 3, axis=-1).astype(np.float32)
     image = gray.copy()

@@ -46,7 +46,7 @@ def test_a_dark_performer_is_no_shadow(color: str, contrast: float) -> None:
 @pytest.mark.parametrize("lighter", [0.0, 0.4], ids=["as dark", "lighter"])
 @pytest.mark.parametrize("color", [*COLORS, "neutral"])
 def test_a_shadow_in_view_takes_nothing_from_cloth_of_its_color(color: str, lighter: float, contrast: float) -> None:
-    """The same factors as the shadow's, or between them and 1, as at its edges; the texture around tells them apart."""
+    """Factors are the shadow's, or between them and 1, as at its edges; the texture around tells them apart."""
     factor = np.array(COLORS.get(color, (0.5, 0.5, 0.5)))
     alpha, shadow = disc(SHAPE, 110, 110, 40, 70), disc(SHAPE, 270, 150, 75, 60)
     shaded = over(floor(contrast) * factor, shadow, floor(contrast))

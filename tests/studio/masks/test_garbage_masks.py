@@ -33,7 +33,7 @@ EVERYTHING = FunctionMaskSource(lambda image, camera, frame: np.ones(image.shape
 
 
 def mask(capture: Path, camera: str = "01", text: str | None = None, **values: object) -> np.ndarray:
-    """With this garbage file, if any."""
+    """A mask with this garbage file, if any."""
     if text is not None:
         (capture / FILE).write_text(text)
         values["garbage_masks"] = FILE

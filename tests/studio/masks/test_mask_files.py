@@ -166,7 +166,7 @@ def test_masks_that_look_wrong(tmp_path: Path, make: SimpleNamespace, write: Wri
     ],
 )  # fmt: skip
 def test_masks_can_be_inverted(tmp_path: Path, make: SimpleNamespace, write: Write) -> None:
-    """As the warning advises."""
+    """Masks are read as the warning advises."""
     spec = CaptureSettings(root=capture(tmp_path, make, ".png", write))
     (warning,) = open_footage(spec).warnings
     advice = warning.fix.split("capture.mask_labels to ")[1].rstrip(".")

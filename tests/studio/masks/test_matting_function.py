@@ -43,7 +43,7 @@ def test_the_mask_is_the_first_output_of_one_channel() -> None:
 
 
 def test_a_lite_model_has_the_same_mask() -> None:
-    """Without onnxruntime, at the size of its kind."""
+    """A model without onnxruntime, at the size of its kind."""
     image, model = noisy(256, 256), MattingModel(DATA / "lite.tflite", "selfie")
     assert np.abs(model(image) - weighted(image / 255)).max() < 1e-6
     assert model(image[:100]).shape == (100, 256)

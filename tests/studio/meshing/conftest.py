@@ -19,7 +19,7 @@ class Shot:
     mask: np.ndarray
 
     def right_half(self) -> "Shot":
-        """As of a camera that sees only the right half."""
+        """A shot as of a camera that sees only the right half."""
         left, camera = self.camera.width // 2, self.camera
         seen = camera.cropped(left, 0, camera.width - left, camera.height)
         return Shot(seen, self.image[:, left:], self.mask[:, left:])
@@ -78,7 +78,7 @@ def two_balls(count: int, scale: float = 1.0, origin: Sequence[float] = (0, 0, 0
 
 @cache
 def _shots(count: int) -> list[Shot]:
-    """Of `two_balls`, which look the same at any scale and position."""
+    """Views of `two_balls`, which look the same at any scale and position."""
     balls = [(np.zeros(3), 0.5), (np.array([0.55, 0.1, 0.25]), 0.2)]
     return [shoot_balls(camera, balls) for camera in cameras_around(count, 1.0, (0, 0, 0))]
 

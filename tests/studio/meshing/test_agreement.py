@@ -29,7 +29,7 @@ def test_a_wrong_mask_is_named(what: str) -> None:
 
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
 def test_the_place_of_a_contradiction_is_named(pixels: float) -> None:
-    """In pixels of the view, also if the masks are compared at a smaller size."""
+    """Places are in pixels of the view, also if the masks are compared at a smaller size."""
     views = two_balls(9)
     mask = views[4].mask.copy()
     patch = (4, 6, 44, 30)

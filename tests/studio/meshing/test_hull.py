@@ -46,7 +46,7 @@ def test_signed_distance_of_a_disc() -> None:
 
 @pytest.mark.parametrize(("scale", "origin"), [(1000.0, (5e3, -2e3, 100.0)), (1e-3, (0.01, 0, -0.02))])
 def test_hull_contains_the_object_and_little_more(scale: float, origin: tuple[float, float, float]) -> None:
-    """In any units and at any position."""
+    """Units and position do not matter."""
     result = visual_hull(two_balls(12, scale, origin), COARSE)
     distance = distance_to_balls(result.mesh.vertices, scale, origin)
     voxel = result.hull.voxel / scale

@@ -124,7 +124,7 @@ def test_several_views_are_as_one_by_one() -> None:
 
 
 def test_colors_that_need_no_gradient(small: Camera) -> None:
-    """As in the motion of a frame; the other gradients do not change."""
+    """Colors are fixed in the motion of a frame; the other gradients do not change."""
     found = []
     for colors in (True, False):
         leaves = make_splats(9, degree=1, log_scale=-2).to(torch.float32).map(lambda one: one.requires_grad_())

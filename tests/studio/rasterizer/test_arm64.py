@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def results(compiler: str, folder: Path, *emulator: str) -> np.ndarray:
-    """What kernel_results.cpp writes, built with a compiler: float64."""
+    """The results of kernel_results.cpp, built with a compiler: float64."""
     program = folder / compiler
     sources = [HERE / "kernel_results.cpp"]
     sources += [KERNELS / f"{name}.cpp" for name in ("isa_baseline", "threads", "buffers")]

@@ -37,7 +37,8 @@ def scenes(pick):
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(scene=scenes())
 def test_kernels_equal_the_reference(scene: dict[str, Any]) -> None:
-    """In double precision up to rounding, and in single precision within the bounds that all backends must meet."""
+    """They agree in double precision up to rounding, and in single precision within the bounds that all backends must
+    meet."""
     splats, camera = make_splats(**scene["splats"]), make_camera(**scene["camera"])
     splats.log_scales[:, 0] += scene["stretch"]
     splats = splats.map(lambda tensor: tensor.float().double())

@@ -44,7 +44,7 @@ def test_the_kernels_compile_for_a_gpu(tmp_path: Path, monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_choice_on_a_gpu(installed: bool) -> None:
-    """In a process of its own, since what is available is looked up once."""
+    """A new process is asked, since what is available is looked up once."""
     code = f"""
 import importlib.util
 import torch

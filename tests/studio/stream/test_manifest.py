@@ -27,7 +27,8 @@ SCHEMA = ROOT / "docs" / "stream.schema.json"
 
 
 def test_the_published_schema_is_the_programs() -> None:
-    """After a change: write `manifest_schema()` to docs/stream.schema.json, indent 1, and describe it in STREAM.md."""
+    """A change needs this: write `manifest_schema()` to docs/stream.schema.json, indent 1, and describe it in
+    STREAM.md."""
     assert json.loads(SCHEMA.read_text()) == manifest_schema()
 
 
@@ -314,7 +315,7 @@ def test_every_flipped_byte_of_the_manifest_is_noticed(intact: FindStream) -> No
 def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(
     copy_of: FindStream, tmp_path: Path, number: int, place: str, signed: bool
 ) -> None:
-    """With and without a valid checksum: a StudioError, or frames and sound."""
+    """A reader raises a StudioError or gives frames and sound, with and without a valid checksum."""
     kind = "planes" if place == "planes" else "ladder"
     stream = tmp_path / kind if (tmp_path / kind).exists() else copy_of(kind)
     path = stream / "manifest.json"

@@ -1,4 +1,4 @@
-"""What the profile `planes` codes, as the losses see it, against the baker's own arrays."""
+"""The values that the profile `planes` codes, as the losses see them, against the baker's own arrays."""
 
 from dataclasses import replace
 

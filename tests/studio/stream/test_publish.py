@@ -14,7 +14,7 @@ from v3studio.studio.stream.publish import publish
 
 
 def test_what_is_there_is_not_copied_again(make_ladder: MakeLadder, tmp_path: Path) -> None:
-    """With the sound."""
+    """The sound is copied, too."""
     folder, target = make_ladder((2, 2), splats=60, clicks=[0.05]), tmp_path / "web" / "stream"
     with StreamReader.open(folder) as reader:
         first = publish(reader, str(target))

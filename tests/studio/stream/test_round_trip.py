@@ -124,7 +124,7 @@ def test_lossless_frames_come_back(tmp_path: Path, profile: str, frames: int, sp
 def test_attributes_are_found_by_name(
     tmp_path: Path, settings: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In another order, the stream has the same frames."""
+    """A stream with another order has the same frames."""
     frames = performer(3, 400)
     usual, wanted = bake(tmp_path / "usual", frames, quality=0, **settings)
     reversed_names = {name: dict(reversed(names.items())) for name, names in attributes.NAMES.items()}
@@ -138,7 +138,7 @@ def test_attributes_are_found_by_name(
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_same_input_gives_the_same_bytes(tmp_path: Path, profile: str) -> None:
-    """Whatever the number of threads, the order of the splats, and what is there already; from an iterator as well."""
+    """Threads, the order of splats, an iterator in place of a list, and files that are there change nothing."""
     frames = clouds(4, 300)
     shuffle = torch.randperm(300, generator=torch.Generator().manual_seed(1))
     bake(tmp_path / "a", frames, threads=1, profile=profile)
@@ -175,7 +175,7 @@ def test_folders_without_a_stream(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_frames_are_decoded_with_the_dilation_of_their_group(tmp_path: Path, profile: str) -> None:
-    """As in a take of which only a part was trained again."""
+    """A take of which only a part was trained again has several."""
     settings, entries = BakeSettings(profile=profile, preset="ultrafast"), []
     for group, dilation in enumerate((0.1, 0.3, 1.0)):
         frames = [replace(frame, dilation=dilation) for frame in clouds(2, 60)]
@@ -271,8 +271,8 @@ SHAPE_STEPS = dict.fromkeys(("xx", "yy", "zz"), 0.011) | dict.fromkeys(("xy", "x
 
 
 def test_steps_and_errors_are_the_documented_ones(tmp_path: Path) -> None:
-    """As absolute figures, not in the steps that the stream itself declares. Limits of errors are a tenth to a seventh
-    above what was measured: 0.00061, 0.021, 0.018 and 0.075."""
+    """Limits are absolute figures, not in the steps that the stream itself declares. Limits of errors are a tenth to a
+    seventh above what was measured: 0.00061, 0.021, 0.018 and 0.075."""
     frames = performer(4)
     entry, decoded = bake(tmp_path / "motion", frames, quality=20)
     size = float(np.exp(np.median(frames[0].log_scales.numpy().mean(axis=1))))

@@ -41,7 +41,7 @@ def test_axes_of_shapes_are_those_they_were_made_from(dtype: type[np.floating]) 
 
 
 def test_any_symmetric_matrix_has_axes() -> None:
-    """Those with negative eigenvalues, too, which quantization may cause: a scale is the square of one."""
+    """Shapes may have negative eigenvalues, which quantization may cause: a scale is the square of one."""
     shapes = np.random.default_rng(1).normal(size=(6, 500)).astype(np.float32)
     shapes[:, 0] = 0
     shapes[:, 1] = (1, 1, 1, 0, 0, 0)

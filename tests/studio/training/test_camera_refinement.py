@@ -29,7 +29,7 @@ def off(camera: Camera, number: int) -> Camera:
 
 
 def refined(rig: list[Camera], seed: int = 0, settings: TrainSettings = SETTINGS) -> RefinedCameras:
-    """From what the true cameras see, by cameras that say that they are elsewhere."""
+    """Views of the true cameras, by cameras that say that they are elsewhere."""
     truth = ball(torch.zeros(3))
     pairs = zip(rig, views(torch.zeros(3)), strict=True)
     trained = [TrainingView(camera, one.image, one.mask) for camera, one in pairs]

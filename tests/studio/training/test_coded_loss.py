@@ -34,7 +34,7 @@ def make(dtype: torch.dtype, count: int, spread: float, weights: tuple[float, fl
 
 
 def in_double(loss: CodedLoss) -> CodedLoss:
-    """The same loss in float64, to which the definition is exact."""
+    """The loss in float64, to which the definition is exact."""
     weights = loss.entropy_weight, loss.temporal_weight
     exact = CodedLoss(loss.before.double(), loss.steps.double(), ATTRIBUTES, 900, *weights).double()
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""What opacities and scales cost, in NumPy."""
+"""The cost of opacities and scales, in NumPy."""
 
 import numpy as np
 import pytest

@@ -100,7 +100,7 @@ def test_an_estimated_plate_is_used_where_it_is_reliable_at_the_outline() -> Non
 
 @pytest.mark.parametrize("plate", [False, True])
 def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
-    """The same views, backgrounds, losses and gradients, to the last bit."""
+    """Views, backgrounds, losses and gradients are equal to the last bit."""
     views = [TrainingView.from_view(captured(plate)), TrainingView.from_view(captured(plate), crop_margin=0.1)]
     found = []
     for together in (True, False):
@@ -119,7 +119,7 @@ def test_several_steps_are_those_of_single_calls(plate: bool) -> None:
 
 
 def test_training_does_not_see_hidden_pixels() -> None:
-    """Whatever the image and the mask show there, the loss is the same."""
+    """The loss does not depend on what the image and the mask show there."""
     view = TrainingView.from_view(captured(False)).with_hidden(0)
     assert 0.1 < float(view.hidden.float().mean()) < 0.15
     spoiled = captured(False)

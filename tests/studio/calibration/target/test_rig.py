@@ -91,7 +91,7 @@ def picture(target: CalibrationTarget, camera: Camera, target_pose: np.ndarray) 
 @pytest.mark.parametrize("target", [CHARUCO, CHARUCO.replace(rows=6, legacy=True), CHESS])
 @pytest.mark.parametrize("turn", [0.2, 2.0, -2.9])
 def test_corners_are_where_the_camera_puts_them(target: CalibrationTarget, turn: float) -> None:
-    """Also with the target on its side and upside down; the pixel origin is the image corner."""
+    """The target is found on its side and upside down, too; the pixel origin is the image corner."""
     camera = replace(rig_of(1)["cam0"], distortion=np.zeros(0))
     target_pose = turned(0.25, turn, 0.15, np.zeros(3), target)
     view = target.detect(picture(target, camera, target_pose))
@@ -224,7 +224,7 @@ def test_known_intrinsics_are_kept_and_chains_reach_all_cameras() -> None:
 
 
 def test_intrinsics_alone_agree_with_opencv() -> None:
-    """Against cv2.calibrateCamera with the same model and corners."""
+    """The result is compared with cv2.calibrateCamera with the same model and corners."""
     rig = rig_of(1)
     views, _ = filmed(rig, CHESS, 15, noise=0.1)
     seen = list(views.values())

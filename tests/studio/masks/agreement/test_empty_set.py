@@ -35,7 +35,7 @@ def filmed(number: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def first() -> Background:
-    """As one camera estimates it: the performer is part of the set."""
+    """A set as a camera estimates it: the performer is part of it."""
     plate = np.median([filmed(number) for number in range(5)], axis=0).astype(np.uint8)
     everywhere = np.ones((HEIGHT, WIDTH), bool)
     return Background(plate, everywhere, ~everywhere)

@@ -1,4 +1,4 @@
-"""What cameras hear from each other about a ball whose silhouettes are known exactly."""
+"""Cameras hear from each other about a ball whose silhouettes are known exactly."""
 
 import numpy as np
 import pytest

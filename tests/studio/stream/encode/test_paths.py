@@ -21,7 +21,7 @@ def second_differences(frames):
 
 
 def minimum(path, strength, keep_first):
-    """What minimizes the sum in the docstring, by least squares over the stacked equations."""
+    """The path that minimizes the sum in the docstring, by least squares over the stacked equations."""
     frames = len(path)
     equations = np.concatenate([np.eye(frames), np.sqrt(strength) * second_differences(frames)])
     right = np.concatenate([path, np.zeros(frames - 2)])
@@ -42,7 +42,8 @@ def test_a_path_is_the_minimum(monkeypatch: pytest.MonkeyPatch, strength: float,
 
 
 def test_the_strength_is_the_most_likely_one() -> None:
-    """By the density of the second differences: those of white jitter added to white accelerations."""
+    """The strength is judged by the density of second differences, which are those of white jitter added to white
+    accelerations."""
     from scipy.stats import multivariate_normal  # takes a second, in every process that collects tests
 
     frames, jitter = 12, 0.3

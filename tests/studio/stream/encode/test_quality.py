@@ -58,7 +58,7 @@ def test_kilobytes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("level", [*LEVELS, "40.5 dB"])
 def test_levels_are_kept_by_the_highest_qp_that_does(tmp_path: Path, level: str) -> None:
-    """With opacities in place of images."""
+    """Opacities stand for images."""
     frames = turned_bodies(20, 400)
     wanted = [np.sort(frame.opacities.numpy()) for frame in frames]
     asked = set()

@@ -65,7 +65,7 @@ def test_a_file_that_changes_meanwhile_is_never_mixed(server: Server, source: Ht
 
 
 def test_a_file_that_shrinks_meanwhile_is_read_again(server: Server, source: HttpSource) -> None:
-    """By a server that knows no If-Range: it has nothing from that place on, and says so."""
+    """A server that knows no If-Range has nothing from that place on, and says so."""
     new = CONTENT[:50_000]
 
     def cut(handler, data):
