@@ -150,26 +150,17 @@ class Check:
 
     def training_kernels(self) -> Report:
         """Errors and times of the kernels of training, at the sizes of the sample capture or, dry, at small ones."""
-        results_of: list[Report] = []
+        rows: list[Report] = []
         for name, make in training_cases(self.dry).items():
             _, exact, leaves = make(torch.float64, self.device)
             right = results(exact, leaves)
             kernel, definition, leaves = make(torch.float32, self.device)
-            error, usual = (
-                worst_error(results(implementation, leaves), right) for implementation in (kernel, definition)
-            )
-            times = (
-                time_it(partial(results, implementation, leaves), 15, self.device)[0]
-                for implementation in (kernel, definition)
-            )
-            results_of.append({"kernel": name, "error": error, "definition_error": usual})
-            results_of[-1] |= zip(("kernel_ms", "definition_ms"), times, strict=True)
-        wrong = [
-            result["kernel"]
-            for result in results_of
-            if not result["error"] <= max(4 * result["definition_error"], LARGEST_ERROR)
-        ]
-        return {"kernels": results_of, "error": f"wrong: {', '.join(wrong)}"} if wrong else {"kernels": results_of}
+            error, usual = (worst_error(results(work, leaves), right) for work in (kernel, definition))
+            times = (time_it(partial(results, work, leaves), 15, self.device)[0] for work in (kernel, definition))
+            rows.append({"kernel": name, "error": error, "definition_error": usual})
+            rows[-1] |= zip(("kernel_ms", "definition_ms"), times, strict=True)
+        wrong = [row["kernel"] for row in rows if not row["error"] <= max(4 * row["definition_error"], LARGEST_ERROR)]
+        return {"kernels": rows, "error": f"wrong: {', '.join(wrong)}"} if wrong else {"kernels": rows}
 
     def rasterizer(self) -> Report:
         """Milliseconds of a forward pass, and of both passes, median of 15."""

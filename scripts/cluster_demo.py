@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.support.two_nodes import SETTINGS, two_nodes
 from v3studio.pipelines.events import GroupStarted, Warned
+from v3studio.studio.process import python_command
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -28,15 +29,7 @@ def run(take: Path, settings: list[str]) -> None:
     lost = False
     with two_nodes(max(1, (os.cpu_count() or 2) // 2)) as cluster:
         print(f"A cluster of two nodes is running at {cluster.address}.")
-        command = [
-            sys.executable,
-            "-m",
-            "v3studio.pipelines.cli",
-            "run",
-            "sample_configs/demo.yaml",
-            "--take",
-            str(take),
-        ]
+        command = python_command("v3studio.pipelines.cli", "run", "sample_configs/demo.yaml", "--take", str(take))
         command += ["--json", "--run.executor", "ray", "--run.address", cluster.address, *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, **SETTINGS})
         assert process.stdout is not None
@@ -64,9 +57,8 @@ def differences(take: Path, other: Path) -> list[str]:
         for root in (take, other)
     ]
     print(f"Comparing {len(digests[0])} files with {other}.")
-    return sorted(
-        str(name) for name in digests[0].keys() | digests[1].keys() if digests[0].get(name) != digests[1].get(name)
-    )
+    ours, theirs = digests
+    return sorted(str(name) for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
 
 
 def main() -> int:

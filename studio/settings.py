@@ -250,10 +250,8 @@ def _mistake(
         else:
             text = f"{name} = {_plain(given_value)} {'' if text.startswith('must') else 'is invalid: '}{text}"
     elif kind in ("model_type", "model_attributes_type"):
-        text, fix = (
-            f"{name} = {given_value!r} is not a section",
-            f"Indent settings under it, one per line ({name}: ...).",
-        )
+        text = f"{name} = {given_value!r} is not a section"
+        fix = f"Indent settings under it, one per line ({name}: ...)."
     else:
         words = violation(problem)
         text = f"{name} = {_plain(given_value)} {'' if words.startswith(('must', 'is ')) else 'is invalid: '}{words}"

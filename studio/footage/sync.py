@@ -189,10 +189,8 @@ def _by_timecode(footage: Footage) -> SyncReport:
         )
         fix = "Leave one of them out with capture.cameras, or synchronize by sound or motion."
         raise StudioError("sync.no_overlap", problem, fix=fix, cameras=(first, last))
-    lags, texts = (
-        {name: float(lag) for name, lag in offsets.items()},
-        {name: label.text for name, label in labels.items()},
-    )
+    lags = {name: float(lag) for name, lag in offsets.items()}
+    texts = {name: label.text for name, label in labels.items()}
     return SyncReport("timecode", lags, {}, without, texts)
 
 

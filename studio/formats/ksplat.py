@@ -20,16 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.errors import StudioError
-from v3studio.studio.formats.checks import (
-    Note,
-    check_count,
-    damaged,
-    from_arrays,
-    log_scales,
-    logits,
-    read_bytes,
-    truncated,
-)
+from v3studio.studio.formats import checks
 from v3studio.studio.gaussians import SH_C0, Gaussians
 
 _HEAD_SIZE, _SECTION_HEAD_SIZE = 4096, 1024
@@ -68,29 +59,29 @@ class _Section:
 
 def size(path: Path) -> tuple[int, int]:
     """Number of splats and SH degree from the headers. Raises StudioError as `read`, for the headers."""
-    data = read_bytes(path)
+    data = checks.read_bytes(path)
     head = _head(path, data)
     return head.count, max(section.degree for section in _sections(path, data, head))
 
 
-def read(path: Path, note: Note) -> Gaussians:
-    data = read_bytes(path)
+def read(path: Path, note: checks.Note) -> Gaussians:
+    data = checks.read_bytes(path)
     head = _head(path, data)
     sections = list(_sections(path, data, head))
     coefficients = (max(section.degree for section in sections) + 1) ** 2
     parts = [_splats(path, data, head, section, coefficients) for section in sections if section.count]
-    return from_arrays({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return checks.from_arrays({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
 def _head(path: Path, data: bytes) -> _Head:
     if len(data) < _HEAD_SIZE:
-        raise truncated(path, len(data), _HEAD_SIZE)
+        raise checks.truncated(path, len(data), _HEAD_SIZE)
     major, minor, sections, _, count, level, low, high = _HEAD.unpack_from(data)
     if (major, minor) != (0, 1):
         problem = f"version {major}.{minor} of .ksplat, or another kind of file; version 0.1 is supported"
         fix = "Convert it, to PLY for example."
         raise StudioError("splat_file.unsupported_version", problem, file=path, value=f"{major}.{minor}", fix=fix)
-    check_count(path, count)
+    checks.check_count(path, count)
     if level not in _DEFAULT_LEVELS or not 0 < sections <= _MAX_SECTIONS:
         raise _invalid(path, f"compression level {level} and {sections} sections", (level, sections))
     return _Head(sections, count, level, (low or _DEFAULT_SH_RANGE[0], high or _DEFAULT_SH_RANGE[1]))
@@ -100,7 +91,7 @@ def _sections(path: Path, data: bytes, head: _Head) -> Iterator[_Section]:
     """The sections, each within the file, with as many splats in all as the header says."""
     start = _HEAD_SIZE + head.sections * _SECTION_HEAD_SIZE
     if len(data) < start:
-        raise truncated(path, len(data), start)
+        raise checks.truncated(path, len(data), start)
     counted = 0
     for number in range(head.sections):
         count, capacity, bucket_size, buckets, block, bucket_bytes, levels, full, partial, degree = (
@@ -118,7 +109,7 @@ def _sections(path: Path, data: bytes, head: _Head) -> Iterator[_Section]:
         )  # fmt: skip
         start += 4 * partial + bucket_bytes * buckets + capacity * _splat_type(head.level, degree).itemsize
         if start > len(data):
-            raise truncated(path, len(data), start)
+            raise checks.truncated(path, len(data), start)
         counted += count
         yield section
     if counted != head.count:
@@ -162,8 +153,8 @@ def _splats(path: Path, data: bytes, head: _Head, section: _Section, coefficient
     return {
         "means": means,
         "quats": splats["quat"].astype(np.float32),
-        "log_scales": log_scales(splats["scale"].astype(np.float64)),
-        "logit_opacities": logits(rgba[:, 3]),
+        "log_scales": checks.log_scales(splats["scale"].astype(np.float64)),
+        "logit_opacities": checks.logits(rgba[:, 3]),
         "sh": sh,
     }
 
@@ -180,6 +171,6 @@ def _middles(path: Path, data: bytes, section: _Section) -> np.ndarray:
 
 
 def _invalid(path: Path, problem: str, value: object) -> StudioError:
-    return damaged(
+    return checks.damaged(
         "splat_file.invalid_header", f"{problem}: the .ksplat file is damaged or of an unknown kind", path, value
     )

@@ -24,18 +24,7 @@ import numpy as np
 
 from v3studio.studio.bounded_files import TextError, parse_json
 from v3studio.studio.errors import StudioError
-from v3studio.studio.formats import META
-from v3studio.studio.formats.checks import (
-    Note,
-    check_count,
-    check_expansion,
-    damaged,
-    from_arrays,
-    logits,
-    opening,
-    quats_of_three,
-    read_bytes,
-)
+from v3studio.studio.formats import META, checks
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.json_types import JsonObject
 
@@ -65,7 +54,7 @@ def size(path: Path) -> tuple[int, int]:
     return meta.count, meta.degree
 
 
-def read(path: Path, note: Note) -> Gaussians:
+def read(path: Path, note: checks.Note) -> Gaussians:
     """Read a SOG data set. `path`: a .sog file, or a meta.json with its images beside it."""
     meta = _Meta(path)
 
@@ -82,12 +71,12 @@ def read(path: Path, note: Note) -> Gaussians:
     sh = meta.numbers("sh0", "codebook", _CODES)[colors[:, :3]][:, None]
     if meta.degree:
         sh = np.concatenate([sh, _harmonics(path, meta, pixels("shN", 1))], axis=1)
-    return from_arrays(
+    return checks.from_arrays(
         {
             "means": means,
             "quats": _quats(path, meta, pixels("quats")),
             "log_scales": meta.numbers("scales", "codebook", _CODES)[pixels("scales")[:, :3]],
-            "logit_opacities": logits(colors[:, 3] / 255),
+            "logit_opacities": checks.logits(colors[:, 3] / 255),
             "sh": sh,
         }
     )
@@ -97,9 +86,9 @@ def _parsed(path: Path) -> JsonObject:
     try:
         values = parse_json(_part(path, META))
     except TextError as error:
-        raise damaged("splat_file.sog_meta", f"{META} is not JSON ({error})", path, name=META) from None
+        raise checks.damaged("splat_file.sog_meta", f"{META} is not JSON ({error})", path, name=META) from None
     if not isinstance(values, dict):
-        raise damaged("splat_file.sog_meta", f"{META} is not an object", path, name=META)
+        raise checks.damaged("splat_file.sog_meta", f"{META} is not an object", path, name=META)
     return values
 
 
@@ -118,7 +107,7 @@ class _Meta:
         count = self._values.get("count")
         if not isinstance(count, int) or isinstance(count, bool):
             raise self.invalid("count", "must be an integer")
-        check_count(self._path, count)
+        checks.check_count(self._path, count)
         self.count: int = count
         self.degree: int = 0
         self.entries: int = 0
@@ -132,7 +121,7 @@ class _Meta:
 
     def invalid(self, name: str, problem: str) -> StudioError:
         """The error for a value of `meta.json`."""
-        return damaged("splat_file.sog_meta", f"'{name}' {problem}", self._path, name=name)
+        return checks.damaged("splat_file.sog_meta", f"'{name}' {problem}", self._path, name=name)
 
     def _section(self, name: str) -> JsonObject:
         section = self._values.get(name)
@@ -173,9 +162,9 @@ def _quats(path: Path, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
         splat = int((largest < 0).argmax())
         name = meta.file("quats", 0)
         problem = f"{name}: alpha of splat {splat} is {pixels[splat, 3]}; rotations have 252 to 255"
-        raise damaged("splat_file.sog_image", problem, _place(path, name), int(pixels[splat, 3]), name=name)
+        raise checks.damaged("splat_file.sog_image", problem, _place(path, name), int(pixels[splat, 3]), name=name)
     stored = (pixels[:, :3] / 255 * 2 - 1) / 2**0.5
-    return quats_of_three(stored, largest)
+    return checks.quats_of_three(stored, largest)
 
 
 def _harmonics(path: Path, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
@@ -188,7 +177,7 @@ def _harmonics(path: Path, meta: _Meta, pixels: np.ndarray) -> np.ndarray:
         problem = (
             f"{name}: {palette.shape[1]} pixels wide; a palette of degree {meta.degree} has {_ENTRIES_PER_ROW * rest}"
         )
-        raise damaged("splat_file.sog_image", problem, _place(path, name), palette.shape[1], name=name)
+        raise checks.damaged("splat_file.sog_image", problem, _place(path, name), palette.shape[1], name=name)
     labels = pixels[:, :2].astype(np.int64) @ [1, 256]
     if labels.max() >= meta.entries:
         raise meta.invalid("shN.count", f"is {meta.entries}, but a splat has entry {labels.max()}")
@@ -208,28 +197,28 @@ def _part(path: Path, name: str) -> bytes:
     place = _place(path, name)
     if place.is_file():
         _check_size(place, name, place.stat().st_size)
-    return read_bytes(place)
+    return checks.read_bytes(place)
 
 
 def _member(path: Path, name: str) -> bytes:
     # decided here, since zipfile searches the whole file for an archive
-    with opening(path), path.open("rb") as file:
+    with checks.opening(path), path.open("rb") as file:
         start = file.read(2)
     if start != b"PK":
-        raise damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", path)
+        raise checks.damaged("splat_file.unreadable", "not a SOG bundle (ZIP)", path)
     try:
         with zipfile.ZipFile(path) as archive:
             info = archive.getinfo(name)
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise zipfile.BadZipFile(f"{name} is compressed by method {info.compress_type}")
             _check_size(path, name, info.file_size)
-            check_expansion(path, info.file_size, info.compress_size)
+            checks.check_expansion(path, info.file_size, info.compress_size)
             with archive.open(info) as member:
                 return member.read(info.file_size)
     except KeyError:
-        raise damaged("splat_file.sog_part_missing", f"the SOG bundle has no {name}", path, name=name) from None
+        raise checks.damaged("splat_file.sog_part_missing", f"the SOG bundle has no {name}", path, name=name) from None
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, struct.error) as error:
-        raise damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", path) from None
+        raise checks.damaged("splat_file.unreadable", f"the SOG bundle is damaged ({error})", path) from None
 
 
 def _read_pixels(path: Path, name: str, least: int) -> np.ndarray:
@@ -239,7 +228,7 @@ def _read_pixels(path: Path, name: str, least: int) -> np.ndarray:
     data = _part(path, name)
 
     def invalid(problem: str, value: object = None) -> StudioError:
-        return damaged("splat_file.sog_image", f"{name}: {problem}", _place(path, name), value, name=name)
+        return checks.damaged("splat_file.sog_image", f"{name}: {problem}", _place(path, name), value, name=name)
 
     size = _image_size(data)
     if size is None:
@@ -281,6 +270,6 @@ def _image_size(data: bytes) -> tuple[int, int] | None:
 def _check_size(path: Path, name: str, size: int) -> None:
     limit = _LARGEST_META if name == META else _LARGEST_PART
     if size > limit:
-        raise damaged(
+        raise checks.damaged(
             "splat_file.expansion", f"{name} has {size} bytes; expected at most {limit}", path, size, expected=limit
         )

@@ -9,16 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from v3studio.studio.formats.checks import (
-    Note,
-    check_count,
-    damaged,
-    from_arrays,
-    log_scales,
-    logits,
-    opening,
-    read_bytes,
-)
+from v3studio.studio.formats import checks
 from v3studio.studio.gaussians import SH_C0, Gaussians
 
 _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
@@ -26,20 +17,20 @@ _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), (
 
 def size(path: Path) -> tuple[int, int]:
     """Number of splats, and 0 for the SH degree. Raises StudioError as `read`, except for invalid values."""
-    with opening(path):
+    with checks.opening(path):
         return _count(path, path.stat().st_size), 0
 
 
-def read(path: Path, note: Note) -> Gaussians:
-    data = read_bytes(path)
+def read(path: Path, note: checks.Note) -> Gaussians:
+    data = checks.read_bytes(path)
     _count(path, len(data))
     splats = np.frombuffer(data, _SPLAT)
-    return from_arrays(
+    return checks.from_arrays(
         {
             "means": splats["mean"],
             "quats": (splats["quat"].astype(np.float32) - 128) / 128,
-            "log_scales": log_scales(splats["scale"].astype(np.float64)),
-            "logit_opacities": logits(splats["rgba"][:, 3] / 255),
+            "log_scales": checks.log_scales(splats["scale"].astype(np.float64)),
+            "logit_opacities": checks.logits(splats["rgba"][:, 3] / 255),
             "sh": ((splats["rgba"][:, :3] / 255 - 0.5) / SH_C0)[:, None],
         }
     )
@@ -48,8 +39,8 @@ def read(path: Path, note: Note) -> Gaussians:
 def _count(path: Path, size: int) -> int:
     count, left = divmod(size, _SPLAT.itemsize)
     if left:
-        raise damaged(
+        raise checks.damaged(
             "splat_file.unreadable", f"{size} bytes is not a multiple of {_SPLAT.itemsize}, the size of a splat", path
         )
-    check_count(path, count)
+    checks.check_count(path, count)
     return count

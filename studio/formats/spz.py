@@ -21,18 +21,7 @@ from typing import Any
 import numpy as np
 
 from v3studio.studio.errors import StudioError
-from v3studio.studio.formats.checks import (
-    MAX_SPLATS,
-    Note,
-    check_expansion,
-    damaged,
-    from_arrays,
-    logits,
-    quats_of_three,
-    read_bytes,
-    to_arrays,
-    truncated,
-)
+from v3studio.studio.formats import checks
 from v3studio.studio.formats.rigid_motion import turned
 from v3studio.studio.gaussians import Gaussians
 
@@ -74,7 +63,7 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
     if version not in WRITTEN_VERSIONS:
         problem = f"SPZ is written in versions 3 and 4, not {version}"
         raise StudioError("splat_file.unsupported_version", problem, file=path, value=version, fix="Choose 3 or 4.")
-    arrays = to_arrays(path, gaussians)
+    arrays = checks.to_arrays(path, gaussians)
     means = arrays["means"] + (np.zeros(3) if offset is None else offset)
     farthest, extent = float(np.abs(means).max()), float(np.ptp(means, axis=0).max())
     fits = _FRACTION_BITS[1] if farthest == 0 else math.floor(math.log2(_LARGEST / farthest))
@@ -132,16 +121,17 @@ def _unpack_quats(packed: np.ndarray) -> np.ndarray:
     """Inverse of `_pack_quats`: (N, 4) wxyz."""
     codes = np.stack([packed >> np.uint32(shift) & np.uint32(1023) for shift in (20, 10, 0)], axis=-1)
     sizes = (codes & np.uint32(511)) / (_SMALLEST * math.sqrt(2))
-    return quats_of_three(np.where(codes & np.uint32(512), -sizes, sizes), packed >> np.uint32(30))[:, [3, 0, 1, 2]]
+    three = np.where(codes & np.uint32(512), -sizes, sizes)
+    return checks.quats_of_three(three, packed >> np.uint32(30))[:, [3, 0, 1, 2]]
 
 
 def size(path: Path) -> tuple[int, int]:
     """Number of splats and SH degree from the header. Raises StudioError as `read`, for the header."""
-    head, _ = _opened(path, read_bytes(path))
+    head, _ = _opened(path, checks.read_bytes(path))
     return head.count, head.degree
 
 
-def read(path: Path, note: Note) -> Gaussians:
+def read(path: Path, note: checks.Note) -> Gaussians:
     """Read an SPZ file of version 2, 3 or 4; `note` takes other extensions, which are skipped, and other axes than
     right, up, back: splats are turned to these, and mirrored if need be."""
     head, attributes, records = read_container(path)
@@ -170,10 +160,10 @@ def read(path: Path, note: Note) -> Gaussians:
         "means": means,
         "quats": quats,
         "log_scales": scales / 16 - 10,
-        "logit_opacities": logits(opacities[:, 0] / 255),
+        "logit_opacities": checks.logits(opacities[:, 0] / 255),
         "sh": sh,
     }
-    splats = from_arrays(arrays)
+    splats = checks.from_arrays(arrays)
     if axes == "RUB":
         return splats
     note(f"stored with x, y and z toward {axes} (right, up, back, ...): turned to RUB")
@@ -201,10 +191,10 @@ def read_container(path: Path) -> tuple[Head, list[bytes], bytes]:
     """The header, the six attributes in the order of `Head.sizes`, of exactly these sizes, and the extension records.
     StudioError if the file is missing, damaged, not SPZ, out of range, of an unsupported version, or has more data than
     its size can hold."""
-    data = read_bytes(path)
+    data = checks.read_bytes(path)
     head, inflater = _opened(path, data)
     size = sum(head.sizes)
-    check_expansion(path, size, len(data))
+    checks.check_expansion(path, size, len(data))
     if head.version == _ZSTD_VERSION:
         return head, *_zstd_streams(path, data, head)
     records = _MOST_RECORDS if head.flags & _EXTENSIONS else 0
@@ -216,7 +206,7 @@ def read_container(path: Path) -> tuple[Head, list[bytes], bytes]:
         except zlib.error as error:
             raise _damaged(path, error) from None
     if len(body) < size:
-        raise truncated(path, len(body), size)
+        raise checks.truncated(path, len(body), size)
     starts = [sum(head.sizes[:index]) for index in range(len(head.sizes))]
     attributes = [body[start : start + length] for start, length in zip(starts, head.sizes, strict=True)]
     return head, attributes, body[size:]
@@ -248,22 +238,22 @@ def _opened(path: Path, data: bytes) -> tuple[Head, Any]:
         raise _damaged(path, error) from None
     head = _checked_head(path, start)
     if head.version == _ZSTD_VERSION:
-        raise damaged("splat_file.unreadable", "an SPZ file of version 4 must not be gzipped", path)
+        raise checks.damaged("splat_file.unreadable", "an SPZ file of version 4 must not be gzipped", path)
     return head, inflater
 
 
 def _checked_head(path: Path, head: bytes) -> Head:
     if len(head) < _HEAD.size or head[:4] != _MAGIC.to_bytes(4, "little"):
-        raise damaged("splat_file.unreadable", "not an SPZ file", path)
+        raise checks.damaged("splat_file.unreadable", "not an SPZ file", path)
     _, version, count, degree, bits, flags, _ = _HEAD.unpack(head)
     if version not in VERSIONS:
         problem = f"SPZ version {version}; versions 2 to 4 are supported"
         fix = "Convert it, to PLY for example."
         raise StudioError("splat_file.unsupported_version", problem, file=path, value=version, fix=fix)
-    if not 0 < count <= MAX_SPLATS or degree > 3 or bits > 23:
+    if not 0 < count <= checks.MAX_SPLATS or degree > 3 or bits > 23:
         problem = (
-            f"{count} splats of SH degree {degree} with {bits} fractional bits; expected 1 to {MAX_SPLATS} splats, "
-            "degree 0 to 3 and 0 to 23 bits"
+            f"{count} splats of SH degree {degree} with {bits} fractional bits; expected 1 to {checks.MAX_SPLATS} "
+            "splats, degree 0 to 3 and 0 to 23 bits"
         )
         fix = "Export it again, with SH of degree 3 at most."
         raise StudioError("splat_file.invalid_header", problem, file=path, value=(count, degree, bits), fix=fix)
@@ -275,22 +265,22 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
     import zstandard
 
     if len(data) < _HEAD_4.size:
-        raise truncated(path, len(data), _HEAD_4.size)
+        raise checks.truncated(path, len(data), _HEAD_4.size)
     *_, streams, table = _HEAD_4.unpack_from(data)
     expected = [size for size in head.sizes if size]
     if streams != len(expected) or table < _HEAD_4.size:
         problem = (
             f"{streams} attributes, listed at byte {table}; expected {len(expected)} at byte {_HEAD_4.size} or later"
         )
-        raise damaged("splat_file.invalid_header", problem, path, (streams, table))
+        raise checks.damaged("splat_file.invalid_header", problem, path, (streams, table))
     position = table + streams * _ENTRY.size
     if position > len(data):
-        raise truncated(path, len(data), position)
+        raise checks.truncated(path, len(data), position)
     records = data[_HEAD_4.size : table] if head.flags & _EXTENSIONS else b""
     entries = [_ENTRY.unpack_from(data, table + index * _ENTRY.size) for index in range(streams)]
     end = position + sum(stored for stored, _ in entries)
     if end > len(data):
-        raise truncated(path, len(data), end)
+        raise checks.truncated(path, len(data), end)
     decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
     result: list[bytes] = []
     for (stored, size), wanted in zip(entries, expected, strict=True):
@@ -304,7 +294,7 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
                 raise _damaged(path, error) from None
             length = len(values)
         if length != wanted:
-            raise damaged(
+            raise checks.damaged(
                 "splat_file.unreadable",
                 f"the SPZ file is damaged (attribute {len(result)} has {length} bytes instead of {wanted})",
                 path,
@@ -314,7 +304,7 @@ def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], byt
     return [*result, *[b""] * (len(head.sizes) - len(result))], records
 
 
-def _axes(path: Path, records: bytes, note: Note) -> int:
+def _axes(path: Path, records: bytes, note: checks.Note) -> int:
     """Index in `_AXES`, from the extension records."""
     position, axes = 0, 0
     while position < len(records):
@@ -342,4 +332,4 @@ def _extensions(path: Path, problem: str) -> StudioError:
 
 
 def _damaged(path: Path, error: Exception) -> StudioError:
-    return damaged("splat_file.unreadable", f"the SPZ file is damaged ({error})", path)
+    return checks.damaged("splat_file.unreadable", f"the SPZ file is damaged ({error})", path)

@@ -11,18 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks import filters
 from v3studio.studio.masks.colored_shadow import WINDOW, colored_shadow
-from v3studio.studio.masks.filters import (
-    brightness,
-    color_bins,
-    color_table,
-    enlarged,
-    guided_filter,
-    keep_components,
-    masked_mean,
-    odds_of_colors,
-    reduced,
-)
 
 _NO_CHROMA = 127.5  # value of Cr and Cb for gray
 _FADED = 4.0  # in chroma levels: a smaller loss of chroma in a shadow is ignored
@@ -166,9 +156,9 @@ def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     Where the plate is not known, only colors are used, which are learned from this image if `behind` has none. Where it
     is doubtful, similarity to the plate makes no hole.
     """
-    ours, empty = (reduced(pixels, WORK_SIDE).astype(np.float32) for pixels in (image, behind.plate))
+    ours, empty = (filters.reduced(pixels, WORK_SIDE).astype(np.float32) for pixels in (image, behind.plate))
     known, doubtful = (
-        None if area is None else reduced(area.astype(np.uint8), WORK_SIDE) > 0
+        None if area is None else filters.reduced(area.astype(np.uint8), WORK_SIDE) > 0
         for area in (behind.known, behind.doubtful)
     )
     gain = match_exposure(ours, empty, known)
@@ -177,7 +167,7 @@ def difference_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     if not mask.any():
         return np.zeros(image.shape[:2], np.uint8)
     reach = edge_reach(image, WORK_SIDE)
-    return solve_edges(image, behind.plate, gain, enlarged(mask, image.shape), reach, behind.known)
+    return solve_edges(image, behind.plate, gain, filters.enlarged(mask, image.shape), reach, behind.known)
 
 
 def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceSettings) -> np.ndarray:
@@ -189,7 +179,7 @@ def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     sure, empty = evidence > 4.0, evidence < -1.0
     ratio: np.ndarray | None = None
     if behind.colors is not None:
-        ratio = odds_of_colors(behind.colors, image)
+        ratio = filters.odds_of_colors(behind.colors, image)
         if known is not None:
             evidence = np.where(known, evidence, ratio)
         evidence += 0.7 * ratio
@@ -198,13 +188,13 @@ def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceS
         if known is not None:
             evidence = np.where(known, evidence, 0.0).astype(np.float32)
         if sure.sum() > 50:
-            colored = color_bins(image, _COLOR_BINS)
-            table = color_table(colored[sure], colored[empty], _COLOR_BINS)
+            colored = filters.color_bins(image, _COLOR_BINS)
+            table = filters.color_table(colored[sure], colored[empty], _COLOR_BINS)
             evidence += 0.7 * np.clip(table, -3.0, 3.0).reshape(-1)[colored]
-    smooth = guided_filter(brightness(image), evidence, radius=3)
+    smooth = filters.guided_filter(filters.brightness(image), evidence, radius=3)
     mask = (smooth > 0.0).astype(np.uint8)
     minimum = int(1e-4 * mask.size)
-    mask = keep_components(mask, settings.mask_components, minimum, core=sure, likeness=ratio)
+    mask = filters.keep_components(mask, settings.mask_components, minimum, core=sure, likeness=ratio)
     if doubtful is None or ratio is None or not mask.any():
         return mask
     # Where the plate may show the performer, close concavities and holes that have the performer's colors.
@@ -216,7 +206,7 @@ def foreground_mask(image: np.ndarray, behind: Background, settings: DifferenceS
     cv2.floodFill(outside, None, (0, 0), 2)
     enclosed = outside[1:-1, 1:-1] != 2
     added = enclosed & doubtful & (cv2.blur(ratio, (5, 5)) > 0.2)
-    return keep_components((mask > 0) | added, settings.mask_components, minimum, core=sure, likeness=ratio)
+    return filters.keep_components((mask > 0) | added, settings.mask_components, minimum, core=sure, likeness=ratio)
 
 
 def edge_reach(image: np.ndarray, side: int) -> float:
@@ -247,7 +237,7 @@ def solve_edges(
     core, grown = cv2.erode(inner, disc), cv2.dilate(inner, disc)
     ours = image[rows, columns].astype(np.float32)
     behind = plate[rows, columns].astype(np.float32) * gain
-    front, weight = masked_mean(ours, core, 1.5 * reach)
+    front, weight = filters.masked_mean(ours, core, 1.5 * reach)
     contrast = front - behind
     total = np.ones((1, 3), np.float32)
     power = cv2.transform(contrast * contrast, total)

@@ -70,7 +70,7 @@ def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> 
             with _named(store, name):
                 write_bytes(path, pointer_bytes(pointer))
     with ThreadPoolExecutor(_PARALLEL, thread_name_prefix="fetch") as pool:
-        list(pool.map(lambda object_of_path: _fetch(object_of_path[0], object_of_path[1], store), small))
+        list(pool.map(lambda entry: _fetch(*entry, store), small))
 
 
 def _fetch(path: Path, pointer: Pointer, store: Store) -> None:

@@ -544,12 +544,9 @@ class Manifest(Model):
         depth = 0
         while level:
             _require(depth <= MAX_FREE_DEPTH, "free_form", f"nested more than {MAX_FREE_DEPTH} levels deep")
-            nested = (
-                nested_item.values() if isinstance(nested_item, dict) else nested_item
-                for nested_item in level
-                if isinstance(nested_item, dict | list)
-            )
-            level, depth = [item for items in nested for item in items], depth + 1
+            nested = [item for item in level if isinstance(item, dict | list)]
+            level = [inner for item in nested for inner in (item.values() if isinstance(item, dict) else item)]
+            depth += 1
         _require(len(compact(value)) <= MAX_FREE_BYTES, "free_form", f"more than {MAX_FREE_BYTES} bytes")
         return value
 

@@ -350,9 +350,8 @@ class Mapper:
         options.min_model_size = 2
         options.max_num_models = 4
         options.ba_refine_principal_point = False
-        options.constant_cameras = self.held | {
-            i + 1 for i, intrinsics in enumerate(self.job.intrinsics) if intrinsics.fixed
-        }
+        fixed = {i + 1 for i, intrinsics in enumerate(self.job.intrinsics) if intrinsics.fixed}
+        options.constant_cameras = self.held | fixed
         return options
 
     def incremental(self, lenient: bool) -> list[Any]:

@@ -19,6 +19,10 @@ class CameraFile:
         self.path = path
 
     @cached_property
+    def _text(self) -> str:
+        return read_text(self.path)
+
+    @cached_property
     def kind(self) -> Literal["csv", "json", "xml", "yaml", ""]:
         """The kind by the extension, or else by the first characters; "" for folders and other files."""
         suffix = self.path.suffix.lower()
@@ -26,12 +30,11 @@ class CameraFile:
             return ""
         if suffix == ".json":
             return "json"
-        text = read_text(self.path)
         if suffix == ".csv":
             return "csv"
-        if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0" or, since version 5, "%YAML 1.2"
+        if self._text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0" or, since version 5, "%YAML 1.2"
             return "yaml"
-        start = text.lstrip()[:1]
+        start = self._text.lstrip()[:1]
         return "xml" if start == "<" else "json" if start in "{[" else ""
 
     @cached_property
@@ -49,7 +52,7 @@ class CameraFile:
         """The heads in the first line of a CSV file; empty for other files."""
         if self.kind != "csv":
             return frozenset()
-        return frozenset(head.strip() for head in read_text(self.path).lstrip().splitlines()[0].split(","))
+        return frozenset(head.strip() for head in self._text.lstrip().splitlines()[0].split(","))
 
     @cached_property
     def xml(self) -> ElementTree.Element | None:
@@ -57,7 +60,7 @@ class CameraFile:
         if self.kind != "xml":
             return None
         try:
-            return ElementTree.fromstring(read_text(self.path).encode())
+            return ElementTree.fromstring(self._text.encode())
         except ElementTree.ParseError as error:
             line, column = error.position
             problem = f"invalid XML at line {line}, column {column + 1}"

@@ -157,13 +157,9 @@ def _pages(directory: Path, groups: Sequence[GroupEntry], sizes: Sequence[int], 
 def _renditions(groups: Sequence[GroupEntry], fps: float) -> tuple[RenditionEntry, ...]:
     entries = []
     for column in zip(*(group.renditions for group in groups), strict=True):
-        measured = [rendition for rendition in column if rendition.psnr_to_trained is not None]
-        frames = sum(rendition.frame_count for rendition in measured)
-        psnr = (
-            sum((rendition.psnr_to_trained or 0) * rendition.frame_count for rendition in measured) / frames
-            if frames
-            else None
-        )
+        measured = [(part.psnr_to_trained, part.frame_count) for part in column if part.psnr_to_trained is not None]
+        frames = sum(count for _, count in measured)
+        psnr = sum(psnr * count for psnr, count in measured) / frames if measured else None
         entries.append(
             RenditionEntry(
                 id=column[0].id,
