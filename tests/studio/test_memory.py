@@ -63,9 +63,7 @@ def test_every_librarys_way_to_say_that_memory_ran_out_is_known() -> None:
 
 
 @pytest.mark.parametrize(("kind", "option"), [(resource.RLIMIT_DATA, "-d"), (resource.RLIMIT_AS, "-v")])
-def test_a_limit_of_the_session_that_cannot_do_is_refused(
-    kind: int, option: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_limit_that_cannot_do_is_refused(kind: int, option: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The limit that the sentence asks for is enough; more threads need more."""
     limits = {kind: 400_000 << 10}
     monkeypatch.setattr(resource, "getrlimit", lambda limit: (limits.get(limit, resource.RLIM_INFINITY),) * 2)

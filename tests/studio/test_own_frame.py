@@ -47,7 +47,7 @@ def ring(radius: float, middle: Sequence[float] | np.ndarray) -> Rig:
         (0.001, (0.001, 0, 0), True, False),
     ],
 )
-def test_ordinary_cameras_stay_and_others_become_ordinary(
+def test_extraordinary_cameras_are_moved(
     radius: float, middle: tuple[float, float, float], scaled: bool, moved: bool
 ) -> None:
     rig = ring(radius, middle)
@@ -100,9 +100,7 @@ def test_ply_and_glb_and_videogs_are_written_where_the_cameras_are(tmp_path: Pat
 
 
 @pytest.mark.parametrize("form", ["ply", "videogs"])
-def test_imports_far_away_get_their_own_frame_and_exports_undo_it(
-    tmp_path: Path, original: Similarity, form: str
-) -> None:
+def test_far_imports_get_their_own_frame_and_exports_undo_it(tmp_path: Path, original: Similarity, form: str) -> None:
     take = video(original)
     meant = original.points(take.read(0).means.numpy())
     if form == "ply":

@@ -1,13 +1,13 @@
-"""Assertions on the code and fields of an error instead of its text."""
+"""Assertions on the code and fields of an error instead of its text, and work that is canceled."""
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
-from v3studio.studio.errors import StudioError
+from v3studio.studio.errors import Cancelled, StudioError
 
 _UNSET: Any = object()
 
@@ -28,3 +28,13 @@ def refuses(
         assert error.value == value, f"{error.value!r} instead of {value!r}: {error}"
     for name, expected in fields.items():
         assert error.fields.get(name) == expected, f"{name} = {error.fields.get(name)!r}: {error}"
+
+
+def cancel_at(step: int) -> Callable[..., None]:
+    """A progress function that raises Cancelled at the first step from this one on."""
+
+    def progress(done: int, total: int, **figures: object) -> None:
+        if done >= step:
+            raise Cancelled
+
+    return progress

@@ -91,7 +91,7 @@ def test_single_cameras_are_named(rig: Cameras, pairs: list[PairMatches]) -> Non
 
 
 @pytest.mark.parametrize("second", ["cam03", "cam04", "cam08"])
-def test_exchanged_cameras_are_named_though_one_has_few_matches_and_a_third_of_them_false(
+def test_exchanged_cameras_with_few_and_false_matches_are_named(
     rig: Cameras, pairs: list[PairMatches], second: str
 ) -> None:
     random, few = np.random.default_rng(0), []
@@ -126,9 +126,7 @@ def test_without_matches_nothing_is_called_good(rig: Cameras) -> None:
 
 
 @pytest.mark.parametrize(("shift", "grade"), [(0, "good"), (5, "usable")], ids=["one wall", "a wall that repeats"])
-def test_matches_that_lead_to_another_place_of_a_repeating_wall_do_not_blame_the_cameras(
-    rig: Cameras, shift: int, grade: str
-) -> None:
+def test_matches_along_a_repeating_wall_do_not_blame_the_cameras(rig: Cameras, shift: int, grade: str) -> None:
     """Every fifth point of the wall looks the same; every second camera is matched with the next repetition."""
     x, z = (axis.ravel() for axis in np.meshgrid(np.linspace(-1.5, 1.5, 30), np.linspace(0, 2, 4), indexing="ij"))
     wall = np.stack([x, 0.2 * np.sin(7 * x + 5 * z), z], axis=1)

@@ -147,7 +147,7 @@ MEANING = {
 @pytest.mark.parametrize("form", FORMS)
 @given(data=st.data())
 @settings(max_examples=12, deadline=None)
-def test_changed_keys_give_the_same_cameras_or_are_named(
+def test_changed_keys_are_read_or_named(
     tmp_path_factory: pytest.TempPathFactory, form: str, data: st.DataObject
 ) -> None:
     make, corner = FORMS[form]
@@ -205,7 +205,7 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
         ("transforms", "camera.conflict", [{"dist": [0.1, 0, 0, 0]}]),
     ],
 )  # fmt: skip
-def test_other_lenses_units_and_contradictions_are_refused(
+def test_other_lenses_and_units_are_refused(
     tmp_path: Path, form: str, code: str, changes: list[dict[str, Any]]
 ) -> None:
     for change in changes:

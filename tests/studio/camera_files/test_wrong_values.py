@@ -62,9 +62,7 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, name: s
         ("distortion", ["0.1", "y", 0, 0], "camera.not_a_number", "y", "[1]"),
     ],
 )
-def test_rig_json_names_the_value(
-    tmp_path: Path, key: str, value: Any, code: str, wrong: Any, index: str | None
-) -> None:
+def test_rig_json_names_values(tmp_path: Path, key: str, value: Any, code: str, wrong: Any, index: str | None) -> None:
     path = tmp_path / "rig.json"
     write_rig(BENT, path)
     values = json.loads(path.read_text())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.errors import refuses
+from tests.support.errors import cancel_at, refuses
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.images import read_image
 from v3studio.studio.errors import Cancelled
@@ -17,12 +17,8 @@ from v3studio.studio.footage.checks import check_footage
 
 
 def test_checking_can_be_stopped(image_folders: Path) -> None:
-    def stop(done: int, total: int, **figures: object) -> None:
-        if done == 3:
-            raise Cancelled
-
     with pytest.raises(Cancelled):
-        check_footage(open_footage(CaptureSettings(root=image_folders)), stop)
+        check_footage(open_footage(CaptureSettings(root=image_folders)), cancel_at(3))
 
 
 def test_a_camera_missing_in_a_frame(image_folders: Path) -> None:

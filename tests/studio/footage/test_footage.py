@@ -81,9 +81,7 @@ def centroid(image: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_undistorted_pixels_are_where_the_pinhole_camera_projects(
-    tmp_path: Path, make: SimpleNamespace, scale: float
-) -> None:
+def test_undistorted_pixels_are_where_the_pinhole_projects(tmp_path: Path, make: SimpleNamespace, scale: float) -> None:
     """Dots drawn at distorted projections must end up at the pinhole projections, within a fraction of a pixel."""
     distortion = np.array([-0.25, 0.08, 0.002, -0.003, 0.01])
     K = np.array([[300.0, 0, 172.3], [0, 296.0, 113.8], [0, 0, 1]])
@@ -171,7 +169,7 @@ def test_held_out_cameras(three_videos: Path) -> None:
         open_footage(CaptureSettings(root=three_videos, held_out=("cam1", "cam2", "cam10")))
 
 
-def test_many_threads_read_the_right_frames(
+def test_threads_read_the_right_frames(
     three_videos: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With fewer decoders than cameras: they open and close while threads read."""

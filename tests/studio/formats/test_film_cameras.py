@@ -161,9 +161,7 @@ def test_a_frame_that_is_shown_twice_has_no_camera(animated: Path, frames: tuple
         (lambda stage, camera: [stage.RemovePrim(path) for path in ("/rig", "/still")], "usd.no_camera"),
     ],
 )
-def test_usd_cameras_that_are_refused(
-    animated: Path, change: Callable[[Usd.Stage, UsdGeom.Camera], object], code: str
-) -> None:
+def test_refused_usd_cameras(animated: Path, change: Callable[[Usd.Stage, UsdGeom.Camera], object], code: str) -> None:
     stage = Usd.Stage.Open(str(animated))
     change(stage, UsdGeom.Camera(stage.GetPrimAtPath("/rig/shot")))
     stage.GetRootLayer().Save()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.studio.formats.conftest import MakeVideo
-from tests.support.errors import refuses
+from tests.support.errors import cancel_at, refuses
 from tests.support.streams import contents
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import Cancelled
@@ -21,7 +21,8 @@ from v3studio.studio.similarity import Similarity
 
 CAMERA = Camera.look_at((2.0, 0, 0.2), (0, 0, 0), (0, 0, 1), width=64, height=48)
 
-WRITERS: dict[str, Callable[..., object]] = {
+Export = Callable[..., object]
+WRITERS: dict[str, Export] = {
     "out.usdc": export_usd,
     "out.usdz": export_usd,
     "plates": lambda video, out, **more: export_exr(video, out, lambda index: CAMERA, Similarity(), **more),
@@ -32,14 +33,12 @@ WRITERS: dict[str, Callable[..., object]] = {
 
 
 @pytest.fixture(params=WRITERS)
-def export(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., object]:
+def export(request: pytest.FixtureRequest, tmp_path: Path) -> Export:
     """Exports a video to one place."""
     return lambda video, **more: WRITERS[request.param](video, tmp_path / request.param, **more)
 
 
-def test_of_two_exports_to_one_place_the_first_that_ends_wins(
-    export: Callable[..., object], make_video: MakeVideo, tmp_path: Path
-) -> None:
+def test_of_two_exports_the_first_that_ends_wins(export: Export, make_video: MakeVideo, tmp_path: Path) -> None:
     video, done = make_video((2,), splats=50), []
 
     def read(index):
@@ -60,17 +59,13 @@ def test_of_two_exports_to_one_place_the_first_that_ends_wins(
     assert len(list(tmp_path.iterdir())) == len(done[1]), "temporary files"
 
 
-def test_a_canceled_export_leaves_nothing(export: Callable[..., object], make_video: MakeVideo, tmp_path: Path) -> None:
-    def stop(done, total, **figures):
-        if done == 2:
-            raise Cancelled
-
+def test_a_canceled_export_leaves_nothing(export: Export, make_video: MakeVideo, tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
-        export(make_video((3,), splats=50), progress=stop)
+        export(make_video((3,), splats=50), progress=cancel_at(2))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_leaves_nothing(export: Callable[..., object], make_video: MakeVideo, tmp_path: Path) -> None:
+def test_a_full_disk_leaves_nothing(export: Export, make_video: MakeVideo, tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
     try:

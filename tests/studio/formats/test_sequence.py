@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from tests.studio.formats.test_ply_of_others import saved
-from tests.support.errors import refuses
+from tests.support.errors import cancel_at, refuses
 from tests.support.performer import covariances
 from tests.support.splats import cloud
 from v3studio.studio.errors import Cancelled
@@ -263,12 +263,8 @@ def test_a_damaged_frame_leaves_nothing_behind(folder: Path, tmp_path: Path) -> 
         bake_video(video, tmp_path / "stream", BakeSettings())
     write_splats(body(2), path)
 
-    def stop(done, total, **figures):
-        if done == 2:
-            raise Cancelled
-
     with pytest.raises(Cancelled):
-        bake_video(video, tmp_path / "stream", BakeSettings(), progress=stop)
+        bake_video(video, tmp_path / "stream", BakeSettings(), progress=cancel_at(2))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
     with refuses("import.invalid_group_size", value=0):
         bake_video(video, tmp_path / "stream", BakeSettings(), group_size=0)

@@ -91,9 +91,7 @@ def by_the_description(data: bytes, expected_version: int) -> dict[str, np.ndarr
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 @pytest.mark.parametrize("version", [3, 4])
-def test_what_is_written_says_what_was_meant(
-    tmp_path: Path, make_splats: MakeSplats, degree: int, version: int
-) -> None:
+def test_written_files_say_what_was_meant(tmp_path: Path, make_splats: MakeSplats, degree: int, version: int) -> None:
     splats = make_splats(120, degree)
     path = tmp_path / "a.spz"
     write_splats(splats, path, version=version)
@@ -174,9 +172,7 @@ LETTERS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B"
     ("number", "axes"),
     [(0, "RUB"), (4, "RUB"), (1, "LDB"), (6, "RDF"), (7, "LUF"), (8, "RUF"), (9, "LFD"), (12, "RFU"), (16, "RBU")],
 )
-def test_other_axes_are_turned_to_those_of_the_format(
-    tmp_path: Path, make_splats: MakeSplats, number: int, axes: str
-) -> None:
+def test_other_axes_are_turned_to_the_formats(tmp_path: Path, make_splats: MakeSplats, number: int, axes: str) -> None:
     """Positions, covariances and colors of the record's axes, against the letters of its name."""
     splats = make_splats(degree=3)
     path = tmp_path / "a.spz"

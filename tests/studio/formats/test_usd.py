@@ -181,9 +181,7 @@ def test_one_static_prim_per_frame_that_is_shown_and_hidden(tmp_path: Path, make
     assert any("1 time code " in note for note in video.notes)
 
 
-def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(
-    tmp_path: Path, make_splats: MakeSplats
-) -> None:
+def test_unusable_splats_and_unknown_attributes_are_dropped(tmp_path: Path, make_splats: MakeSplats) -> None:
     splats = make_splats(50)
     splats.means[3, 0] = float("nan")
     stage, prim = define(tmp_path / "a.usda", splats)
@@ -196,7 +194,7 @@ def test_splats_that_cannot_be_rendered_and_unknown_attributes_are_dropped(
     assert sum("scan:confidence" in note for note in video.notes) == 1
 
 
-def test_without_usd_core_the_extra_is_named(
+def test_without_usd_core_its_extra_is_named(
     tmp_path: Path, make_video: MakeVideo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pxr", None)

@@ -61,9 +61,7 @@ def performer_of(make: SimpleNamespace, camera: str, frame: int) -> tuple[np.nda
 @pytest.mark.parametrize(
     ("camera", "frame", "color"), [("cam00", 0, GREEN), ("cam09", 7, BLUE), ("cam09", 7, (30, 80, 45))]
 )
-def test_the_sample_performer_on_a_screen(
-    make: SimpleNamespace, camera: str, frame: int, color: tuple[int, int, int]
-) -> None:
+def test_the_performer_on_a_screen(make: SimpleNamespace, camera: str, frame: int, color: tuple[int, int, int]) -> None:
     front, alpha = performer_of(make, camera, frame)
     image = before(color, alpha, front)
     mask = chroma_mask(image, find_screen([image], camera), USUAL)

@@ -71,9 +71,7 @@ def scene() -> np.ndarray:
         (2, 5, (True, False, False), 1),
     ],
 )
-def test_small_components_go_and_small_holes_are_filled(
-    components: int, minimum: int, kept: tuple[bool, ...], holes: int
-) -> None:
+def test_small_components_and_holes_go(components: int, minimum: int, kept: tuple[bool, ...], holes: int) -> None:
     result = keep_components(scene(), components, minimum)
     assert result[20, 20] == 1
     assert (bool(result[65, 10]), bool(result[62, 32]), bool(result[61, 51])) == kept

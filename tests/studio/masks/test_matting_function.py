@@ -59,9 +59,7 @@ def test_normalization_and_sigmoid(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("file", "wanted"), [("fixed.onnx", 0), ("free.onnx", 128)])
-def test_images_are_resized_for_the_model_and_masks_back(
-    file: str, wanted: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_images_are_resized_for_models_and_masks_back(file: str, wanted: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Away from the border a linear ramp is invariant to both resizes, whatever the sizes."""
     columns = np.broadcast_to((np.arange(300) + 0.5) / 300, (150, 300))
     image = np.repeat(np.rint(255 * columns)[..., None], 3, axis=2).astype(np.uint8)

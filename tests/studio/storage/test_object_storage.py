@@ -73,7 +73,7 @@ def test_requests_that_fail_or_end_early_are_repeated(object_store: ObjectStore,
     assert object_store.fetched_twice("day1") == []
 
 
-def test_the_cache_keeps_what_was_used_last(
+def test_the_cache_keeps_the_last_used(
     object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for number in range(4):
@@ -117,7 +117,7 @@ def test_a_changed_object_is_fetched_again_and_a_deleted_one_is_gone(object_stor
     assert again.frames_of("cam0") == (0,)
 
 
-def test_each_bad_case_is_one_sentence_without_credentials(
+def test_errors_are_sentences_without_secrets(
     object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(address: str) -> StudioError:

@@ -17,9 +17,7 @@ PLANES = BakeSettings(profile="planes")
 
 
 @pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_a_cancelled_bake_and_a_failed_one_leave_what_was_there(
-    tmp_path: Path, profile: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cancelled_and_a_failed_bake_leave_all(tmp_path: Path, profile: str, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = BakeSettings(profile=profile)
     write_manifest(tmp_path, [bake_group(clouds(3, 100), tmp_path, 0, 0, settings)], 30, settings)
     before = contents(tmp_path)

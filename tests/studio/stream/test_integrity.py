@@ -53,7 +53,7 @@ def test_each_file_is_named_once_with_the_groups_that_need_it(ladder: Path) -> N
         flip(ladder / path)
 
 
-def test_the_command_checks_a_folder_a_file_and_refuses_to_remove(
+def test_the_command_checks_and_refuses_to_remove(
     ladder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with StreamReader.open(ladder) as reader:

@@ -53,9 +53,7 @@ def test_a_reader_follows(publish: Callable[..., Path], monkeypatch: pytest.Monk
         ({"groups": 3, "ladder": (Rung(qp=24),)}, "renditions"),
     ],
 )
-def test_a_manifest_that_takes_something_back_is_refused(
-    publish: Callable[..., Path], change: dict[str, Any], what: str
-) -> None:
+def test_a_manifest_that_takes_back_is_refused(publish: Callable[..., Path], change: dict[str, Any], what: str) -> None:
     folder = publish(2)
     with StreamReader.open(folder) as reader:
         publish(**change)

@@ -238,9 +238,7 @@ def replace_page(folder, change):
         (set_at(("groups", 0, "renditions", 0, "sh_degree"), 2), "channels"),
     ],
 )
-def test_pages_that_contradict_the_manifest(
-    copy_of: FindStream, change: Callable[[dict[str, Any]], object], rule: str
-) -> None:
+def test_contradicting_pages(copy_of: FindStream, change: Callable[[dict[str, Any]], object], rule: str) -> None:
     stream = copy_of("ladder")
 
     def changed(data):
@@ -290,7 +288,7 @@ def test_what_is_no_manifest(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("text", [b"[],", b"1,", b'{"a":1},'])
-def test_60_megabytes_of_small_values_are_refused_before_they_are_parsed(
+def test_60_megabytes_of_values_are_refused_before_they_are_parsed(
     text: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They would take gigabytes."""
@@ -312,7 +310,7 @@ def test_every_flipped_byte_of_the_manifest_is_noticed(intact: FindStream) -> No
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32), place=st.sampled_from(["planes", "ladder", "page"]), signed=st.booleans())
-def test_any_value_anywhere_ends_in_a_sentence_or_in_frames(
+def test_any_value_is_refused_or_played(
     copy_of: FindStream, tmp_path: Path, number: int, place: str, signed: bool
 ) -> None:
     """A reader raises a StudioError or gives frames and sound, with and without a valid checksum."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from tests.support.errors import refuses
+from tests.support.errors import cancel_at, refuses
 from tests.support.rigs import camera_at
 from tests.support.settings import refuses_setting
 from tests.support.splats import Checkpoints, round_splats, same_splats
@@ -135,12 +135,8 @@ def test_same_seed_same_bits(after: list[TrainingView]) -> None:
 
 
 def test_cancel_passes_through(after: list[TrainingView]) -> None:
-    def stop(done: int, total: int, **figures: object) -> None:
-        if done == 3:
-            raise Cancelled
-
     with pytest.raises(Cancelled):
-        train_interframe(ball(torch.zeros(3)), after, SETTINGS, progress=stop)
+        train_interframe(ball(torch.zeros(3)), after, SETTINGS, progress=cancel_at(3))
 
 
 def test_invalid_input(before: list[TrainingView]) -> None:
@@ -154,9 +150,7 @@ def test_invalid_input(before: list[TrainingView]) -> None:
         TrainSettings(sh_degree=7)
 
 
-def test_a_keyframe_resumes_from_each_checkpoint_bit_for_bit(
-    before: list[TrainingView], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_keyframe_resumes_bit_for_bit(before: list[TrainingView], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("v3studio.studio.training.densify.RESET_EVERY", 8)
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 1)
     points, colors, kept = noisy_points(), torch.full((300, 3), 0.5), Checkpoints()

@@ -17,9 +17,7 @@ def settings(limit: int) -> TrainSettings:
 @pytest.mark.parametrize(
     ("splats", "rounds", "left"), [(500, 1, 350), (1001, 1, 701), (1429, 2, 1000), (4000, 4, 1000)]
 )
-def test_the_first_round_prunes_by_the_ratio_and_further_rounds_stop_at_the_limit(
-    splats: int, rounds: int, left: int
-) -> None:
+def test_the_first_round_prunes_by_the_ratio_and_others_stop_at_the_limit(splats: int, rounds: int, left: int) -> None:
     """4000 splats: 2800, 1960 and 1372 by the ratio, of which the last round removes 372 instead of 411."""
     assert prune_rounds(settings(1000), splats) == rounds
     assert splats_after_pruning(settings(1000), splats) == left

@@ -267,7 +267,7 @@ def test_neighbors_have_similar_viewing_directions() -> None:
     assert len(pairs) == 24
 
 
-def test_the_global_mapper_estimates_focal_lengths_only_if_unknown(
+def test_the_global_mapper_estimates_unknown_focal_lengths_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synthesize(tmp_path, 8, 500)

@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from tests.support.errors import refuses
+from tests.support.errors import cancel_at, refuses
 from tests.support.rigs import pose
 from tests.support.settings import refuses_setting
 from v3studio.studio.calibration import (
@@ -259,11 +259,8 @@ def test_detection_reads_every_image_and_can_be_stopped() -> None:
     assert list(views) == [(4, "a")]
     assert sizes == {"a": SIZE}
 
-    def stop(done: int, total: int, **figures: object) -> None:
-        raise Cancelled
-
     with pytest.raises(Cancelled):
-        detect_target({"a": lambda sync_frame: image}, {"a": [1]}, CHARUCO, stop)
+        detect_target({"a": lambda sync_frame: image}, {"a": [1]}, CHARUCO, cancel_at(0))
     with refuses("target.image_size", value=[320, 240], camera="a", frame=2, expected=[640, 480]):
         detect_target({"a": lambda sync_frame: image if sync_frame == 1 else image[::2, ::2]}, {"a": [1, 2]}, CHARUCO)
 

@@ -92,7 +92,7 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     assert {path: path.stat().st_mtime_ns for path in cache.rglob("mask_*.png")} == files != {}
 
 
-def test_a_model_sees_squares_around_people_and_counts(
+def test_a_model_sees_squares_around_people(
     capture: Path, rig: Rig, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = {"masks": "agreed", "mask_model": f"selfie:{LITE}"}
@@ -118,7 +118,7 @@ def test_a_model_sees_squares_around_people_and_counts(
     assert all(height == width < SIZE[0] for height, width in sides)
 
 
-def test_what_a_model_sees_in_most_cameras_is_kept_where_the_estimated_set_shows_it(
+def test_what_a_model_sees_is_kept_where_the_set_shows_it(
     capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def without_head(image: np.ndarray, *_: object) -> np.ndarray:
