@@ -132,14 +132,13 @@ class VideoSource(FrameSource):
         for part in self._readers:
             differs = part.fps and self.fps and abs(part.fps / self.fps - 1) > 0.005
             if differs or (part.width, part.height, part.has_alpha) != (self.width, self.height, self.has_alpha):
-                raise StudioError(
-                    "footage.chapters_differ",
+                problem = (
                     f"the video differs in size, frame rate or alpha from {first.path.name}, of which it is taken to "
-                    "be a later part",
-                    file=part.path,
-                    fix="Keep the files of one recording only, or narrow the pattern in capture.images.",
-                    camera=camera,
-                    setting="capture.images",
+                    "be a later part"
+                )
+                fix = "Keep the files of one recording only, or narrow the pattern in capture.images."
+                raise StudioError(
+                    "footage.chapters_differ", problem, file=part.path, fix=fix, camera=camera, setting="capture.images"
                 )
         *self._starts, count = accumulate((part.frame_count for part in self._readers), initial=0)
         self.frames = tuple(range(-offset, count - offset))

@@ -289,13 +289,10 @@ def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | 
     if not required and voters < FEWEST_CAMERAS:
         return None
     if voters < FEWEST_CAMERAS:
+        problem = f"capture.masks is agreed, which needs {FEWEST_CAMERAS} cameras for training, but there are {voters}"
+        fix = "Set capture.masks to median_background, which looks at each camera alone."
         raise StudioError(
-            "mask.too_few_cameras",
-            f"capture.masks is agreed, which needs {FEWEST_CAMERAS} cameras for training, but there are {voters}",
-            value=voters,
-            fix="Set capture.masks to median_background, which looks at each camera alone.",
-            expected=FEWEST_CAMERAS,
-            setting="capture.masks",
+            "mask.too_few_cameras", problem, value=voters, fix=fix, expected=FEWEST_CAMERAS, setting="capture.masks"
         )
     clean = open_clean_plate(inputs, False)
     opened = clean or open_median_background(inputs, required)
