@@ -81,7 +81,7 @@ def intrinsics_from_target(
     assert settings.intrinsics_images is not None
     views, sizes = _views(settings, capture, settings.intrinsics_images, names, detecting)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
-    return calibrate_intrinsics(settings.board, own, sizes, settings, threads)
+    return calibrate_intrinsics(own, sizes, settings, threads)
 
 
 def _open(capture: CaptureSettings, pattern: str) -> Footage:

@@ -70,10 +70,10 @@ def _update(root: Path, store: Store, entries: dict[str, Entry], cache: str) -> 
             with _named(store, name):
                 write_bytes(path, pointer_bytes(pointer))
     with ThreadPoolExecutor(_PARALLEL, thread_name_prefix="fetch") as pool:
-        list(pool.map(lambda entry: _fetch(*entry, store), small))
+        list(pool.map(lambda fetched: _fetch(store, *fetched), small))
 
 
-def _fetch(path: Path, pointer: Pointer, store: Store) -> None:
+def _fetch(store: Store, path: Path, pointer: Pointer) -> None:
     data = store.read(pointer.path, 0, pointer.size)
     with _named(store, pointer.path):
         write_bytes(path, data)

@@ -77,7 +77,6 @@ def detect_target(
 
 
 def calibrate_intrinsics(
-    target: CalibrationTarget,
     views: Mapping[str, Sequence[TargetObservation]],
     sizes: Mapping[str, tuple[int, int]],
     settings: CalibrateSettings | None = None,

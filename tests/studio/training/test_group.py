@@ -87,7 +87,7 @@ def loss_of(gaussians: Gaussians, seen: list[TrainingView]) -> float:
     return float(torch.stack(errors).mean())
 
 
-def test_motion_follows_the_surface(before: list[TrainingView], after: list[TrainingView]) -> None:
+def test_motion_follows_the_surface(after: list[TrainingView]) -> None:
     truth = ball(torch.zeros(3))
     warped = train_interframe(truth, after, SETTINGS.replace(finetune_iterations=0), seed=3)
     moved = warped.means - truth.means

@@ -203,7 +203,7 @@ def test_initial_focal_lengths_from_pairs(tmp_path: Path) -> None:
     np.testing.assert_allclose(focal_lengths, 1280, rtol=0.08)
 
 
-def test_an_earlier_solution_is_refined(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_earlier_solution_is_refined(tmp_path: Path) -> None:
     """Poses that are a degree and a percent off are corrected; fixed poses do not change."""
     truth = synthesize(tmp_path, 6, 600)
     rng = np.random.default_rng(0)

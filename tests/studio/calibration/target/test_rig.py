@@ -229,7 +229,7 @@ def test_intrinsics_alone_agree_with_opencv() -> None:
     views, _ = filmed(rig, CHESS, 15, noise=0.1)
     seen = list(views.values())
     settings = CalibrateSettings(camera_model="OPENCV")
-    intrinsics, figures = calibrate_intrinsics(CHESS, {"cam0": seen}, {"cam0": SIZE}, settings, threads=1)
+    intrinsics, figures = calibrate_intrinsics({"cam0": seen}, {"cam0": SIZE}, settings, threads=1)
     world = [CHESS.corners[view.ids].astype(np.float32) for view in seen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in seen]
     _, K, distortion, _, _ = cv2.calibrateCamera(world, pixels, SIZE, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
