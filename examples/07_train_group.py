@@ -1,4 +1,4 @@
-"""From footage to a stream, without a take: open, initialize, train a group, measure it, bake it.
+"""Makes a stream from footage without a take: open, initialize, train a group, measure it, bake it.
 
 Images need not come from files: `v3.FootageView(camera=..., image=..., mask=..., frame=...)` holds arrays, and can be
 used in place of `footage.view(...)`.

@@ -114,7 +114,7 @@ def _images(footage: Footage, progress: ProgressFn) -> tuple[dict[str, np.ndarra
 
 
 def _thumbnail(footage: Footage, camera: str, frame: int) -> np.ndarray | None:
-    """None for an image that cannot be read, which the check of the footage reports."""
+    """A small image; None for one that cannot be read, which the check of the footage reports."""
     import cv2
 
     try:

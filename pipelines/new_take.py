@@ -169,7 +169,7 @@ class NewTake:
 
 
 def uses_words(uses: Mapping[str, str]) -> str:
-    """How many cameras are used for what."""
+    """The number of cameras by their use."""
     counts = {use: list(uses.values()).count(use) for use in USES}
     train = counts.pop("training")
     return ", ".join(

@@ -29,7 +29,7 @@ from v3studio.pipelines.share.sharing import share  # noqa: E402
 log = get_plugin_logger("docs")
 
 PACKAGES = ("studio", "pipelines", "gui", "v3studio")
-"""Where error codes are looked for."""
+"""The folders in which error codes are looked for."""
 
 SAMPLE = "docs/assets/sample.v3s"
 """The stream of `make demo`, which the first page plays."""

@@ -45,7 +45,7 @@ class VariantResult(Result):
     """Digest of its settings; points measured with other settings are discarded."""
 
     points: tuple[RatePoint, ...] = ()
-    """In ascending order of QP."""
+    """Sorted by QP."""
 
     bd_rate_percent: float | None = None
     """Mean size difference from the first variant at equal PSNR; negative means smaller. None if the curves do not

@@ -123,7 +123,7 @@ def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:
 
 
 def _assumed(take: Take) -> list[str]:
-    """How the take's footage and camera file are read, one sentence each."""
+    """Say how the take's footage and camera file are read, one sentence each."""
     from v3studio.pipelines.config import load_config
     from v3studio.pipelines.stages.inputs import Inputs
     from v3studio.pipelines.takes.results.stage_files import CamerasFromFile, read_cameras_report

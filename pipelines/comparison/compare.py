@@ -159,7 +159,7 @@ def _image_name(camera: str, frame: int) -> str:
 
 
 def _earlier_images(out: Path) -> list[Path]:
-    """Where the comparison that is in the folder has its images; nothing that somebody else put there."""
+    """The images of the comparison that is in the folder; nothing that somebody else put there."""
     try:
         earlier = read_model(out / RESULTS, Comparison).protocol
     except StudioError:

@@ -53,7 +53,7 @@ class ComparedTake(Result):
 
 
 class ComparisonProtocol(Result):
-    """How the takes were measured."""
+    """The way in which the takes were measured."""
 
     name: str
     title: str
@@ -76,7 +76,7 @@ class Comparison(Result):
 
 
 class FrameOfTake(Result):
-    """What was measured of one take in one frame."""
+    """Figures of one take in one frame."""
 
     cameras: dict[str, Measures]  # by camera; without those that do not see the performer
     flicker: FlickerOfFrame | None = None

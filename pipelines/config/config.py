@@ -20,7 +20,7 @@ from v3studio.studio.training.settings import GROUP_SIZE, TrainSettings
 
 
 class GroupSettings(Settings):
-    """Where groups begin."""
+    """Settings that decide where groups begin."""
 
     group_size: Annotated[int, Heading("Groups"), Affects("grouping")] = Field(default=GROUP_SIZE, ge=1, le=1000)
     """Maximum number of frames per group. Groups are shorter where the performer moves fast: a group's frames are not

@@ -134,7 +134,7 @@ def _texts(value: Any, text: Any) -> Any:
 
 
 def _quotes(text: str, line: int | None) -> str:
-    """What to do about a YAML error: a pattern that begins with a brace needs quotes, and so does 60: for frames."""
+    """Advice on a YAML error: a pattern that begins with a brace needs quotes, and so does 60: for frames."""
     lines = text.splitlines()
     for number in (line or 0, (line or 0) - 1):  # YAML may notice at the next line
         pattern = r"\s*(\w+):\s*(\{(?:camera|frame)[^#]*|\d*:\s*$)"

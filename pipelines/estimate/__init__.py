@@ -1,1 +1,1 @@
-"""How long a run will take, and how much memory and disk it needs: `v3studio estimate`."""
+"""Estimates how long a run will take, and how much memory and disk it needs: `v3studio estimate`."""

@@ -60,7 +60,7 @@ class Estimate:
         return max(stage.memory or 0 for stage in self.stages)
 
     def to_json(self) -> JsonObject:
-        """For `--json`."""
+        """JSON-ready, for `--json`."""
         low, high = self.range
         return {
             "stages": [asdict(stage) for stage in self.stages],

@@ -1,4 +1,4 @@
-"""What a run has to do, counted from settings and footage."""
+"""The work of a run, counted from settings and footage."""
 
 from __future__ import annotations
 

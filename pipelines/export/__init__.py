@@ -1,4 +1,4 @@
 """Exports of takes and streams in other programs' formats."""
 
 DEFAULT_OF = "decoded"
-"""Which frames of a take are exported by default: those that a player shows. Also the default in the window."""
+"""The frames of a take that are exported by default, also in the window: those that a player shows."""

@@ -43,7 +43,7 @@ class _Movie(VideoWriter):
 
     @abstractmethod
     def views(self, video: SplatVideo) -> Views:
-        """Where the camera is, and which frame is shown."""
+        """The camera and the frame of each image."""
 
     def written(self, video: SplatVideo, progress: ProgressFn) -> Written:
         if self.background is not None:

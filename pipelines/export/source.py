@@ -1,4 +1,4 @@
-"""What is exported: a take, or a stream in a folder, in a file or at a URL, opened once."""
+"""The source of an export: a take, or a stream in a folder, in a file or at a URL, opened once."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Source:
 
     @cached_property
     def take(self) -> Take | None:
-        """None for a stream alone."""
+        """The take; None for a stream alone."""
         return Take.open(Path(self.place).expanduser()) if is_take(self.place) else None
 
     @cached_property

@@ -78,7 +78,7 @@ class _SplatWriter(VideoWriter):
         return axes_of(video, self.format.up, self._for_viewers)
 
     def _place_note(self, video: SplatVideo) -> str:
-        """Which world the files have, if it is not that of the splats."""
+        """The note on the world of the files, if it is not that of the splats."""
         if video.original.is_identity:
             return ""
         scale = f"in the original units (1 of them is {1 / video.original.scale:g} of the stream's)"

@@ -1,4 +1,4 @@
-"""What the writers of all formats have in common."""
+"""The base of the writers of all formats."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Written:
-    """What an export has written: a number of frames, more words about it, notes (sentences; "" for none), and its size
+    """The result of an export: a number of frames, more words about it, notes (sentences; "" for none), and its size
     in bytes if that is told."""
 
     frames: int

@@ -1,4 +1,4 @@
-"""What the server and the review page send each other as JSON (docs/WEB.md); `web/src/review/api.ts` has the same."""
+"""The JSON messages between server and review page (docs/WEB.md); `web/src/review/api.ts` has the same."""
 
 from pydantic import BaseModel, ConfigDict, Field
 

@@ -1,4 +1,4 @@
-"""What a browser needs to review a take: figures, images of the footage, marks."""
+"""Everything that a browser needs to review a take: figures, images of the footage, marks."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _QUALITY = 90  # of JPEG
 
 
 class TakeReview:
-    """Thread safe. Opens the footage when first needed. `place`: where the stream lies in the take."""
+    """A take's review, thread-safe; opens the footage when first needed. `place`: where the stream lies in the take."""
 
     def __init__(self, take: Take) -> None:
         self.take = take

@@ -1,4 +1,4 @@
-"""What a run, or another command, says when memory runs out."""
+"""The error of a run, or another command, when memory runs out."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

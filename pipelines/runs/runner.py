@@ -274,7 +274,7 @@ class _Run:
 
 @contextlib.contextmanager
 def _executor(inputs: Inputs, todo: Sequence[Stage]) -> Iterator[Executor | None]:
-    """What runs groups elsewhere, connected before anything is done; None if they run in this process."""
+    """The executor that runs groups elsewhere, connected before anything is done; None if they run in this process."""
     if inputs.config.run.executor == "local" or not any(stage.by_group for stage in todo):
         yield None
         return

@@ -141,7 +141,7 @@ def assess_all(
 
 
 def not_ready(stage: Stage, needed: StageStatus) -> StudioError:
-    """What to raise if a stage cannot run, because one that it depends on is not done."""
+    """The error for a stage that cannot run, because one that it depends on is not done."""
     why = f" ({needed.reason})" if needed.reason else ""
     return StudioError(
         "stage.dependency",
@@ -194,11 +194,11 @@ def _state_of(path: str) -> os.stat_result | None:
 
 
 _SOURCES = ("camera file", "board footage", "tie points", "footage")
-"""What cameras come from; each has settings of its own, which are no further change."""
+"""Sources of cameras; each has settings of its own, which are no further change."""
 
 
 def differences(before: Mapping[str, object], now: Mapping[str, object]) -> tuple[Reason, ...]:
-    """What changed, at most four reasons."""
+    """At most four reasons, which say what changed."""
     names = sorted(before.keys() | now.keys())
     changed = [name for name in names if digest_of(before.get(name)) != digest_of(now.get(name))]
     # What only one side depends on, such as the footage when a ladder is fine-tuned, follows from another change.
@@ -224,7 +224,7 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
 
 
 def _edit_change(name: str, before: object, now: object) -> str:
-    """What happened to an edit, as a reason for a stale result; `name`: of the parameter."""
+    """The change of an edit, as a reason for a stale result; `name`: of the parameter."""
     what = EDIT_WORDS.get(name.removeprefix(PREFIX), name)
     verb = "set" if before is None else "removed" if now is None else "changed"
     return f"{what} {'were' if what.endswith('s') else 'was'} {verb}"

@@ -50,7 +50,7 @@ class Item(_Part):
     model: str | None = None  # A .glb file
 
     position: Triple = (0.0, 0.0, 0.0)
-    """Where the origin is put, in meters; y is up, and the ground is at 0. A stream's lowest point is put there."""
+    """The place of the origin in meters; y is up, and the ground is at 0. A stream's lowest point is put there."""
 
     turn: Triple = (0.0, 0.0, 0.0)  # degrees about x, y and z
     scale: float = Field(default=1.0, gt=0, le=1e6)

@@ -57,7 +57,7 @@ class CastSound:
     channels: int = 2
 
     def read(self, first: int, count: int) -> np.ndarray:
-        """See `Pcm`."""
+        """Samples, as in `Pcm`."""
         out = np.zeros((count, self.channels), np.float32)
         for voice in self.voices:
             done = max(voice.start - first, 0)

@@ -10,7 +10,7 @@ from v3studio.studio.errors import StudioError
 
 SCRIPT_NAME, FIRST_NAME, REVIEW_NAME = "v3-player.js", "v3-first.js", "v3-review.js"
 REST_PREFIX = "v3-rest-"
-"""With which the name of the part begins that the first one fetches once there is an image."""
+"""The beginning of the name of the part that the first one fetches once there is an image."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a folder has to serve: streams, and takes to review."""
+"""Finds what a folder has to serve: streams, and takes to review."""
 
 import shlex
 from collections.abc import Callable

@@ -65,7 +65,7 @@ class StreamToShare:
         return self._image(whole.cropped(left, top, width, height))
 
     def _first_view(self) -> Camera:
-        """From the suggested camera at eye level, or the front."""
+        """The view from the suggested camera at eye level, or the front."""
         from v3studio.studio.stream.suggested_view import eye_level_view
 
         video = decoded_video(self.reader)

@@ -73,7 +73,7 @@ STAGES = (
         weight=5, dependencies=("calibrate", "train", "bake"), needs_all_groups=True,
     ),
 )  # fmt: skip
-"""In the order in which they run."""
+"""All stages, in the order in which they run."""
 
 STAGE_NAMES = tuple(stage.name for stage in STAGES)
 GROUP_STAGES = tuple(stage for stage in STAGES if stage.by_group)  # those whose groups can run elsewhere

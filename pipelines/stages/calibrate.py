@@ -223,7 +223,7 @@ def _solved(
 
 
 def _lacking(report: CalibrationReport) -> str:
-    """What more frames may improve, as a clause; "" if it is enough."""
+    """Things that more frames may improve, as a clause; "" if it is enough."""
     few = [name for name, camera in report.cameras.items() if camera.observations < _ENOUGH_POINTS]
     return f"{counted(len(few), 'camera')} with fewer than {_ENOUGH_POINTS} points." if few else ""
 

@@ -21,7 +21,7 @@ _MORE_FRAMES = (1, 3, 6, 12, 24)  # numbers of frames that are tried until they 
 
 
 class CalibratePlan:
-    """What the cameras of a take come from, found once. Raises StudioError: several sources are set."""
+    """The sources of a take's cameras, looked for once. Raises StudioError: several sources are set."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs, self.take, self.config = inputs, inputs.take, inputs.config
@@ -45,7 +45,7 @@ class CalibratePlan:
 
     @property
     def source(self) -> Literal["file", "board", "tie points", "footage"]:
-        """What the cameras come from."""
+        """The source of the cameras."""
         if self.settings.board_images:
             return "board"
         if self.settings.tie_points:

@@ -51,7 +51,7 @@ def camera_file(settings: FileSettings) -> Path | None:
 
 
 def camera_file_text(footage: Footage) -> str:
-    """What is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
+    """Say what is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
     from v3studio.studio.footage import rig_of_footage
 
     try:

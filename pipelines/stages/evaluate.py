@@ -80,8 +80,8 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 
 class EvaluatePlan:
-    """What is measured: the cameras, the frames of the stream, the groups that have them, and the key of each group's
-    results. `here`: on this machine, which may lack the device of the run otherwise."""
+    """The plan of an evaluation: the cameras, the frames of the stream, the groups that have them, and the key of each
+    group's results. `here`: on this machine, which may lack the device of the run otherwise."""
 
     def __init__(self, inputs: Inputs, here: bool = True) -> None:
         self.here = here
@@ -103,7 +103,7 @@ class EvaluatePlan:
         return f"{self.key}-{group.index}"
 
     def file(self, group: Group) -> Path:
-        """Where the results of a group are kept until the evaluation is complete."""
+        """The file with the results of a group until the evaluation is complete."""
         return self.take.work(STAGE.name) / f"{group_name(group.index)}.json"
 
     def measured(self, group: Group) -> MeasuredGroup | None:
@@ -195,7 +195,7 @@ def _tell_unseen(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter
 
 
 def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
-    """How it was measured."""
+    """The protocol, which says how it was measured."""
     footage, settings = plan.footage, plan.config.evaluate
     return Protocol(
         cameras=tuple(plan.cameras),
@@ -223,7 +223,7 @@ def _why_none(footage: Footage) -> str:
 
 
 def _note(footage: Footage, refined: bool) -> str:
-    """What the cameras have to do with training."""
+    """A note on what the cameras have to do with training."""
     if not footage.measured_cameras:
         why = _why_none(footage)
         return f"{why[0].upper()}{why[1:]}: these are the training cameras."

@@ -1,4 +1,4 @@
-"""How far the performer moves, which decides where groups begin: see `pipelines.takes.frames.groups`.
+"""Measures how far the performer moves, which decides where groups begin: see `pipelines.takes.frames.groups`.
 
 The stage `initialize` finds it once, on a few cameras, and stores it in the take.
 """

@@ -1,4 +1,4 @@
-"""What stages read: the take, its settings, its footage and its edits."""
+"""The inputs of stages: the take, its settings, its footage and its edits."""
 
 from __future__ import annotations
 

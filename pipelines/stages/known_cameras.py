@@ -1,4 +1,4 @@
-"""What is known about the cameras before calibration: earlier results, EXIF focal lengths."""
+"""Knowledge about the cameras before calibration: earlier results, EXIF focal lengths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What results are made from, as plain values that are compared and digested."""
+"""The parameters that results are made from, as plain values that are compared and digested."""
 
 from typing import Any, TypeAlias
 

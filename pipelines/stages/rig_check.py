@@ -1,4 +1,4 @@
-"""Before the first hull: do cameras, images and masks agree? A rig that is wrong costs hours of training."""
+"""Checks before the first hull whether cameras, images and masks agree: a wrong rig costs hours of training."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class _Images(Mapping[str, np.ndarray]):
 
 
 def judge_by_images(footage: Footage, frame: int, progress: ProgressFn) -> RigVerdict:
-    """What matches between the images of a frame say about the cameras of footage."""
+    """Judge the cameras of footage by matches between the images of a frame."""
     pairs = match_images(_Images(footage, frame), progress=progress)
     return judge({camera.name: camera for camera in footage.rig}, pairs, None)
 

@@ -75,7 +75,7 @@ class Take:
     log = _At(".v3studio/events.jsonl")  # events of the last run, one JSON object per line
 
     def __fspath__(self) -> str:
-        """So that a take can be passed wherever its folder's path can."""
+        """The folder's path: a take can be passed wherever that can."""
         return str(self.root)
 
     @classmethod
@@ -183,8 +183,8 @@ class Take:
         return self.train_group(group) / "joint.checkpoint"
 
     def splat_offsets(self, group: int, rung: str) -> Path:
-        """What fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000". Beside it, a checkpoint
-        with the suffix ".checkpoint" until that is finished."""
+        """Offsets that fine-tuning added to the splats that a rung keeps; `rung`: "splats50-sh0-1000". Beside it, a
+        checkpoint with the suffix ".checkpoint" until that is finished."""
         return self.train_group(group) / f"offsets_{rung}.safetensors"
 
     def record(self, stage: str) -> Path:
@@ -209,7 +209,7 @@ class Take:
             yield
 
     def in_use(self, holder: Mapping[str, Any]) -> StudioError:
-        """What to raise if a run is in progress; `holder`: from `running`."""
+        """The error for a take with a run in progress; `holder`: from `running`."""
         pid, command = holder.get("pid"), holder.get("command", "v3studio")
         problem = f"another run is in progress (process {'unknown' if pid is None else pid}, {command})"
         fix = "Wait for it to finish, or stop it; `v3studio status` shows it."

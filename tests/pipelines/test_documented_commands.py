@@ -63,7 +63,7 @@ SHORTER = {
     "splats: 0.4, ": "splats: 0.4, finetune_iterations: 5, ",
     "finetune_iterations: 5, finetune_iterations: 3000": "finetune_iterations: 5",
 }
-"""What is replaced in commands, so that they fit the tiny take."""
+"""Replacements in commands, so that they fit the tiny take."""
 
 PAGES: dict[str, list[str]] = defaultdict(list)
 for page, line in blocks():
@@ -108,7 +108,7 @@ def test_commands_run_in_the_order_of_their_page(
 
 
 def lay_out(folder: Path, finished: Path, commands: str) -> str:
-    """What the commands name: takes, footage, settings (which are returned) and a source of masks."""
+    """Write what the commands name: takes, footage, settings (which are returned) and a source of masks."""
     for name in set(re.findall(r"my-take|demo-take|takes/\w+", commands)):
         shutil.copytree(finished / "take", folder / name)
     shutil.copytree(finished / "capture", folder / ("footage/first" if "footage/first" in commands else "footage"))

@@ -1,4 +1,4 @@
-"""With --json, standard output is only JSON, whatever libraries print in between, at exit or in child processes."""
+"""Standard output with --json is only JSON, whatever libraries print in between, at exit or in child processes."""
 
 import argparse
 import subprocess

@@ -93,7 +93,7 @@ def changed_manifest(rng: random.Random, data: bytes) -> Any:
 
 
 def mutate(files: Files, number: int) -> tuple[str, Files]:
-    """What mutation `number` of a stream changes, and the stream with it."""
+    """The part that mutation `number` of a stream changes, and the stream with it."""
     rng = random.Random(number)
     kind = rng.choice(["manifest", "nonsense", "side content", "side file", "video", "video"])
     if kind == "nonsense" and rng.random() < 0.8:
@@ -165,5 +165,5 @@ def plant(folder: Path, told: Path) -> None:
 
 
 def executed(told: Path) -> str:
-    """What was executed; "" if nothing was."""
+    """Names of what was executed; "" if nothing was."""
     return told.read_text() if told.exists() else ""

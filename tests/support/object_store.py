@@ -17,7 +17,7 @@ BUCKET = "studio"
 
 @dataclass
 class Faults:
-    """What goes wrong.
+    """Faults of the server.
 
     Attributes:
         failing: share of requests that are answered with status 500.

@@ -61,7 +61,7 @@ def write_video(path: Path, frames: int, fps: int, sound: np.ndarray | None, siz
 
 
 def click_times(samples: np.ndarray, rate: int = 48_000) -> list[float]:
-    """When clicks begin, in seconds: where the loudness first exceeds a third of its highest."""
+    """The times when clicks begin, in seconds: where the loudness first exceeds a third of its highest."""
     loud = np.abs(samples).max(axis=1)
     above = np.flatnonzero(loud > loud.max() / 3)
     apart = np.flatnonzero(np.diff(above, prepend=-rate) > 0.02 * rate)

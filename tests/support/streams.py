@@ -102,7 +102,7 @@ def set_at(path: Sequence[Any], value: object) -> Callable[[dict[str, Any]], Non
 
 
 def best_of(group: dict[str, Any]) -> dict[str, Any]:
-    """What a group's JSON in the manifest says of its best rendition."""
+    """The best rendition in a group's JSON in the manifest."""
     best: dict[str, Any] = group["renditions"][0]
     return best
 

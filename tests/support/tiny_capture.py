@@ -106,14 +106,14 @@ class Done(NamedTuple):
 
     @property
     def result(self) -> Any:
-        """With --json: that of the last event."""
+        """The result of the last event, with --json."""
         last = self.events[-1]
         assert isinstance(last, Finished)
         return last.result
 
     @property
     def events(self) -> list[Event]:
-        """With --json."""
+        """The events, with --json."""
         return events_in(self.stdout)
 
 

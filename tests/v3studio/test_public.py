@@ -58,7 +58,7 @@ FIRST = (
     "run", "load_config", "trained_video", "read_evaluation", "open_footage", "read_rig", "rasterize", "evaluate",
     "open_import", "bake_video", "StreamReader.open", "share", "serve",
 )  # fmt: skip
-"""What scripts call first."""
+"""Functions that scripts call first."""
 
 
 @pytest.fixture

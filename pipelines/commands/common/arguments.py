@@ -1,4 +1,4 @@
-"""What the arguments of several commands have in common: numbers, settings, and names that have changed."""
+"""Arguments that several commands have in common: numbers, settings, and names that have changed."""
 
 import argparse
 import difflib

@@ -30,7 +30,7 @@ RETRIES = 3  # how often a group is started again after its worker was lost
 _AHEAD = 8  # tasks queued in Ray beyond those that fit, so that nodes never wait and a growing cluster sees the demand
 
 NO_NODE_SECONDS = 30.0
-"""How long a task may wait without a node that is large enough before a warning: one may be starting."""
+"""The time that a task waits without a node that is large enough before a warning: one may be starting."""
 
 BUSY_SECONDS = 60.0  # how long all groups may wait for nodes that others hold before a warning
 _PROGRAM_BYTES = 1 << 30  # memory of a worker process without images
@@ -200,7 +200,7 @@ class _Run:
         return now - self._waiting.setdefault(name, now)
 
     def _settings(self) -> tuple[tuple[str, Any], ...]:
-        """What a node must not choose itself: the bytes of training depend on the number of threads."""
+        """Settings that a node must not choose itself: the bytes of training depend on the number of threads."""
         inputs = self._inputs
         device = inputs.config.run.device
         return (

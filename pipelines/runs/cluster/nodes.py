@@ -11,7 +11,7 @@ _QUERY_SECONDS = 20.0
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a task takes of a node: CPUs, GPUs (or a share of one), and memory in bytes."""
+    """The resources that a task takes of a node: CPUs, GPUs (or a share of one), and memory in bytes."""
 
     cpus: int
     gpus: float
@@ -19,7 +19,7 @@ class Wanted:
 
     @property
     def resources(self) -> dict[str, float]:
-        """What it takes, by Ray's names of resources."""
+        """The amounts by Ray's names of resources."""
         amounts = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory}
         return {name: amount for name, amount in amounts.items() if amount}
 
@@ -48,7 +48,7 @@ class _Node:
     resources: Mapping[str, float]
 
     def fits(self, wanted: Wanted) -> int:
-        """How many such tasks run on it at once."""
+        """The number of such tasks that run on it at once."""
         return min(int(self.resources.get(name, 0.0) / amount) for name, amount in wanted.resources.items())
 
 
@@ -90,21 +90,21 @@ class Nodes:
         return [key for key, node in self._found.items() if node.alive and key not in self.excluded]
 
     def most(self, resource: str) -> float:
-        """What the largest usable node has of a resource: "CPU", "GPU", "memory"."""
+        """The most that a usable node has of a resource: "CPU", "GPU", "memory"."""
         return max((self._found[key].resources.get(resource, 0.0) for key in self.usable()), default=0.0)
 
     def fitting(self, wanted: Wanted) -> int:
-        """How many such tasks fit the usable nodes at once."""
+        """The number of such tasks that fit the usable nodes at once."""
         return sum(self._found[key].fits(wanted) for key in self.usable())
 
     def sizes(self) -> str:
-        """What the usable nodes have, for people: the sizes, each once, the largest first."""
+        """The usable nodes in words for people: the sizes, each once, the largest first."""
         resources = [self._found[key].resources for key in self.usable()]
         sizes = {tuple(amounts.get(name, 0.0) for name in ("CPU", "GPU", "memory")) for amounts in resources}
         return "; ".join(f"nodes with {_amounts(*size)}" for size in sorted(sizes, reverse=True)) or "no usable node"
 
     def holders(self, wanted: Wanted) -> str:
-        """What holds the usable nodes that are large enough for a task, for people: "node1 has 0 of 4 CPUs free, held
+        """Say what holds the usable nodes that are large enough for a task: "node1 has 0 of 4 CPUs free, held
         by the actor Busy"; "" if one of them has room for it now."""
         from ray.exceptions import GetTimeoutError
 
@@ -134,7 +134,7 @@ class Nodes:
 
 
 def _usage() -> tuple[dict[str, dict[str, float]], dict[str, list[str]], list[str]]:
-    """What is free on each node, by its id; the actors on it; and the other programs that are connected.
+    """Free resources of each node, by its id; the actors on it; and the other programs that are connected.
 
     A task without CPUs, since Ray's client (ray://) cannot answer this. The public state API needs the dashboard.
     """

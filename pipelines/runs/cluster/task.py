@@ -1,4 +1,4 @@
-"""What runs on a node of the cluster: one stage of one group.
+"""A task on a node of the cluster: one stage of one group.
 
 Imports of this module are light, so that a node that cannot run the task can say so.
 """
@@ -148,7 +148,7 @@ def do_task(task: GroupTask, node: str) -> None:
 
 
 def _here(path: Path, what: str, task: GroupTask) -> Path:
-    """Where the take or the footage is on this node."""
+    """The path of the take or the footage on this node."""
     from v3studio.pipelines.takes.files.path_here import is_there, places_to_look
 
     places = places_to_look(path, dict(task.paths))

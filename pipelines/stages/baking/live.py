@@ -133,5 +133,5 @@ class _BackgroundReporter(StageReporter):
         super().check()
 
     def progress(self, fraction: float, label: str = "", **figures: JsonData) -> None:
-        """Only check: progress of training is shown. Raises Cancelled."""
+        """Check, and show nothing: progress of training is shown. Raises Cancelled."""
         self.check()

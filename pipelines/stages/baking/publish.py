@@ -74,8 +74,8 @@ def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageRep
 
 
 def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
-    """Deterministic, so that identical takes bake to identical bytes. The first view is from the first training
-    camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
+    """Make the metadata, the same for identical takes, which bake to identical bytes. The first view is from the first
+    training camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
     from v3studio.studio.camera_files import read_rig
     from v3studio.studio.coverage import view_range
     from v3studio.studio.own_frame import own_frame, undone

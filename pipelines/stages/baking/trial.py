@@ -15,7 +15,7 @@ from v3studio.studio.stream.settings import BakeSettings
 
 @dataclass(frozen=True)
 class Trial:
-    """What a QP gives: mean bytes of the group's frames, and PSNR in dB, measured as for levels of quality."""
+    """The result of a QP: mean bytes of the group's frames, and PSNR in dB, measured as for levels of quality."""
 
     bytes_per_frame: float
     psnr: float

@@ -1,4 +1,4 @@
-"""What is fitted to all cameras once, with the first group, before groups are trained: colors, refined cameras."""
+"""Fits to all cameras, once, with the first group, before groups are trained: colors, refined cameras."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ WHOLE = -1
 
 
 def kind_of(group: Group, position: int) -> Kind:
-    """What a frame counts as."""
+    """The kind of a frame."""
     return "keyframe" if position == group.middle else "later"
 
 

@@ -1,1 +1,1 @@
-"""What people make: edits, marks, camera paths, drawn masks."""
+"""Files that people make: edits, marks, camera paths, drawn masks."""

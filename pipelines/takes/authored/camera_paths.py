@@ -110,7 +110,7 @@ def in_export(keys: Sequence[Key], source: str, of: str, numbers: FrameNumbers) 
 
 
 def _place_of(source: str, of: str) -> tuple[CapturePlace, int]:
-    """Where what is exported of a take lies in the take, and its number of frames."""
+    """The place in a take of what is exported of it, and its number of frames."""
     if of != "trained":
         with open_reader(source) as reader:
             place, original = capture_place(reader) if of else CapturePlace(), decoded_video(reader).original

@@ -119,7 +119,7 @@ def _write(path: Path, file: EditsFile) -> EditsFile:
 
 
 def no_frames_left(take: Take, trim: Trim, frames: Sequence[int]) -> StudioError:
-    """What to raise if a take has none of the frames that its trim keeps; `frames`: their numbers in the footage."""
+    """The error for a take that has none of the frames that its trim keeps; `frames`: their numbers in the footage."""
     return StudioError(
         "edits.no_frames_left",
         f"the take is trimmed to frames {trim.first} to {trim.last}, but it has frames {frames[0]} to {frames[-1]}",
@@ -134,7 +134,7 @@ PREFIX = "edits."  # of the names of parameters that are edits
 
 
 def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
-    """What is edited, of these names (none: all but the marked details, which only training uses), as parameters of a
+    """The edits of these names (none: all but the marked details, which only training uses), as parameters of a
     stage: nothing without edits, so that results without them stay as they are."""
     dumped = edits.model_dump(mode="json")
     if dumped["crop"] is not None:
@@ -154,7 +154,7 @@ def placed_world(edits: EditList, frame: Similarity) -> Similarity:
 
 
 def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]:
-    """What is edited, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`. With a
+    """Words for each edit, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`. With a
     `frame` from `frame_of`, positions and sizes are in the world that the edits place, else in that of the cameras, as
     `v3studio edit` takes them; without, in the take's own frame."""
     placed = edits.similarity if frame is None else placed_world(edits, frame)

@@ -1,1 +1,1 @@
-"""What all files of a take have in common: JSON, digests, locks, settings, errors of the disk."""
+"""Helpers for all files of a take: JSON, digests, locks, settings, errors of the disk."""

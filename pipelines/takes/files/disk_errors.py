@@ -1,4 +1,4 @@
-"""What a disk does to any program, as StudioError."""
+"""Errors of the disk as StudioError."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""What killed runs left in a take."""
+"""Deletes what killed runs left in a take."""
 
 import contextlib
 import os
@@ -25,8 +25,8 @@ _MADE_BY_PEOPLE = ("camera_path.json", "edits.json", "marks.json")
 
 
 def _leftovers(folder: Path) -> list[Path]:
-    """What `sweep_partial` deletes. Empty files are those of kinds that this program never writes empty, but not what a
-    person made, and no temporary ones: those that are being written begin empty."""
+    """The paths that `sweep_partial` deletes. Empty files are those of kinds that this program never writes empty, but
+    not what a person made, and no temporary ones: those that are being written begin empty."""
     paths = []
     for root, folders, names in os.walk(folder):
         for name in [name for name in (*folders, *names) if PARTIAL in name]:

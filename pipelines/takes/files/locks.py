@@ -17,7 +17,7 @@ from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.json_types import JsonObject
 
 _WITHOUT_LOCKS = threading.RLock()
-"""What threads of this process lock instead, on a file system that has no locks."""
+"""The lock of threads of this process on a file system that has no locks."""
 _LARGEST_PID = 2**31 - 1
 
 
@@ -98,8 +98,8 @@ def _runs(holder: JsonObject, anywhere: bool) -> bool:
 
 
 def _began(pid: int) -> str | None:
-    """When a process of this machine began, in the kernel's ticks: one that gets its number later differs. None: there
-    is none; "?": the system does not say."""
+    """The time when a process of this machine began, in the kernel's ticks: one that gets its number later differs.
+    None: there is none; "?": the system does not say."""
     import psutil
 
     with contextlib.suppress(OSError):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def path_here(path: Path, paths: Mapping[str, Sequence[str]]) -> Path:
-    """Where a file or folder is on this machine: the first of `places_to_look` that is there; `path` if none is."""
+    """The path of a file or folder on this machine: the first of `places_to_look` that is there; `path` if none is."""
     return next((place for place in places_to_look(path, paths) if is_there(place)), path)
 
 

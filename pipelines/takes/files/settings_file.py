@@ -30,7 +30,7 @@ def set_settings(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def changed_text(path: Path, values: Mapping[str, Any]) -> str | None:
-    """What `set_settings` writes; None if all values are there already. See there."""
+    """The text that `set_settings` writes, with its errors; None if all values are there already."""
     try:
         tree = _parse(read_bounded_text(path) if path.exists() else "", path)
     except (OSError, UnicodeDecodeError) as error:

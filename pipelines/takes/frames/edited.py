@@ -34,7 +34,7 @@ def concerns(frames: tuple[int, int] | None, group: Group) -> bool:
 
 
 def read_paths(take: Take, group: Group) -> Paths:
-    """Where the splats of a trained group are in each of its frames; StudioError if a frame is missing or damaged, or
+    """The paths of a trained group's splats through its frames; StudioError if a frame is missing or damaged, or
     they have different numbers of splats (`take.not_trained`)."""
     from v3studio.studio.edits import Paths
 
@@ -50,15 +50,15 @@ def read_paths(take: Take, group: Group) -> Paths:
 
 
 def of_two_trainings(take: Take, group: int) -> StudioError:
-    """What to raise where the frames of a group do not have the same splats."""
+    """The error for a group whose frames do not have the same splats."""
     problem = f"frames of group {group} are from different trainings, as an interrupted one leaves them"
     fix = "Finish it with `v3studio train` first."
     return StudioError("take.not_trained", problem, file=take.root, fix=fix, stage="train")
 
 
 def newly_removed(take: Take, before: EditList, after: Sequence[EditList], progress: ProgressFn) -> list[int]:
-    """How many splats each of `after` removes that `before` does not. Reads all trained frames. Raises StudioError as
-    `read_paths`."""
+    """The numbers of splats that each of `after` removes and `before` does not. Reads all trained frames. Raises
+    StudioError as `read_paths`."""
     from v3studio.studio.edits import select
 
     counts, groups = [0] * len(after), trained_groups(take)
@@ -110,7 +110,7 @@ class EditedGroup:
         self._kept: torch.Tensor | None = None
 
     def selection(self) -> Selection:
-        """What the edits remove. Reads all frames of the group. Raises StudioError: a frame is missing or damaged."""
+        """The splats that the edits remove. Reads all frames of the group. StudioError if one is missing or damaged."""
         from v3studio.studio.edits import select
 
         return select(self._edits, read_paths(self._take, self._group))

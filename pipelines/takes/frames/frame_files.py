@@ -138,7 +138,7 @@ def _load(path: Path) -> dict[str, Tensor]:
 
 
 def _metadata(data: bytes) -> FrameMetadata:
-    """What `write_frame` noted in a file's header; from its bytes, since the file may be replaced meanwhile."""
+    """The metadata in a file's header; from its bytes, since the file may be replaced meanwhile."""
     try:
         header = json.loads(data[_HEADER : _HEADER + _header_bytes(data)])
         return FrameMetadata.model_validate_json(header.get("__metadata__", {}).get(_ENTRY, "{}"))

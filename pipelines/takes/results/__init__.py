@@ -1,1 +1,1 @@
-"""What stages make: records, figures, bakes and videos; what is damaged."""
+"""Results of stages: records, figures, bakes and videos; what is damaged."""

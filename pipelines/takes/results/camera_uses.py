@@ -1,4 +1,4 @@
-"""What each camera is used for: training, evaluation (held out), or nothing."""
+"""The use of each camera: training, evaluation (held out), or none."""
 
 from collections.abc import Mapping
 

@@ -56,7 +56,7 @@ class FrameQuality(Quality):
     first frame."""
 
     cameras: dict[str, Quality]
-    """By camera name; cameras that do not see the performer in this frame are left out."""
+    """Quality by camera name; cameras that do not see the performer in this frame are left out."""
 
 
 class EvaluationSummary(Quality):
@@ -92,7 +92,7 @@ class EvaluationSummary(Quality):
 
 
 class Protocol(Result):
-    """How the quality was measured."""
+    """The way in which the quality was measured."""
 
     cameras: tuple[str, ...]
 
@@ -110,7 +110,7 @@ class Protocol(Result):
     """RGB, 0 to 1."""
 
     footage: str
-    """How the images that are compared with are made."""
+    """The way in which the images that are compared with are made."""
 
     frames: tuple[int, ...]
     mean: str

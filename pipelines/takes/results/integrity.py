@@ -36,7 +36,7 @@ class Damage(BaseModel):
 
 
 class Integrity(BaseModel):
-    """What `check_take` found."""
+    """The result of `check_take`."""
 
     model_config = ConfigDict(frozen=True)
 

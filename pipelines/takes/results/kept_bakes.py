@@ -63,7 +63,7 @@ class KeptBake:
 
     @property
     def baked(self) -> str:
-        """When, UTC, ISO 8601."""
+        """The time of the bake: UTC, ISO 8601."""
         return self.record.finished
 
     @property

@@ -20,7 +20,7 @@ class InitialPointsReport(Result):
     faces: int
 
     disagreement: dict[str, float] = Field(default_factory=dict)
-    """By camera: fraction of its mask that the visual hull does not reproduce."""
+    """Fraction of a camera's mask, by its name, that the visual hull does not reproduce."""
 
     warnings: tuple[Any, ...] = ()
     files: dict[str, str] = Field(default_factory=dict)  # digests of the files in the folder, by name
@@ -49,17 +49,17 @@ class CameraColors(Result):
     frame: int  # frame number in the footage to which they were fitted
 
     cameras: dict[str, tuple[tuple[float, float, float, float], ...]]
-    """By training camera: 3x4 matrix from the splats' colors (RGB 0 to 1, and 1) to those of the camera. The mean of
+    """A training camera's 3x4 matrix from the splats' colors (RGB 0 to 1, and 1) to those of the camera. The mean of
     all cameras changes nothing."""
 
     def off_on_gray(self, camera: str) -> float:
-        """By how much a camera shows a middle gray differently from the mean camera: the largest difference of a
+        """The difference of a middle gray between a camera and the mean camera: the largest difference of a
         channel, in levels of 255."""
         return 255 * max(abs(sum(row[:3]) / 2 + row[3] - 0.5) for row in self.cameras[camera])
 
 
 class CameraChange(Result):
-    """What refinement changed about a camera."""
+    """The change of a camera by refinement."""
 
     degrees: float  # angle between the orientations
     distance: float  # between the centers, in units of the calibration
@@ -83,13 +83,13 @@ class CameraRefinement(Result):
     held_out_before: float | None = None  # the same with the held-out cameras aligned to the splats
 
     held_out_after: float | None = None
-    """The same with refined training cameras, and the held-out cameras aligned to the splats."""
+    """PSNR of the held-out views with refined training cameras, and the held-out cameras aligned to the splats."""
 
     cameras: dict[str, CameraChange] = Field(default_factory=dict)
 
     @property
     def sentence(self) -> str:
-        """What was gained, and whether it is used."""
+        """Say what was gained, and whether it is used."""
         gain = f"{self.after - self.before:+.2f} dB on pixels held back ({self.before:.2f} to {self.after:.2f})"
         if self.held_out_before is not None and self.held_out_after is not None:
             gain += f", {self.held_out_after - self.held_out_before:+.2f} dB on held-out ones"
@@ -117,7 +117,7 @@ class FoundMotion(Result):
     key: str = ""  # digest of everything that the motion was found from
     frames: tuple[int, ...] = ()
     motion: tuple[float, ...] = ()
-    """From each frame to the next, in sizes of the performer: see `studio.footage.motion`."""
+    """Motion from each frame to the next, in sizes of the performer: see `studio.footage.motion`."""
 
     cameras: tuple[str, ...] = ()
 
@@ -145,7 +145,7 @@ def read_cameras_report(take: Take) -> CamerasReport | None:
 
 
 def cameras_source(take: Take) -> str | None:
-    """What calibration took the cameras from: "file", "board", "tie points" or "footage"; None if it has not run.
+    """The source of the calibrated cameras: "file", "board", "tie points" or "footage"; None if it has not run.
     Raises StudioError: `take.damaged`."""
     path = take.calibration_report
     report = read_json(path) if path.is_file() else None
@@ -158,7 +158,7 @@ NOT_CHECKED = "The cameras are not checked yet; initialize does that."
 
 @dataclass(frozen=True)
 class CheckedCameras:
-    """What is known about the cameras of a take."""
+    """Knowledge about the cameras of a take."""
 
     report: CamerasReport | None
     # that of `initialize`, else that of the calibration by its images alone; None: not checked yet

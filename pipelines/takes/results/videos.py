@@ -134,7 +134,7 @@ def open_reader(text: str) -> StreamReader:
 
 
 def capture_place(reader: StreamReader) -> CapturePlace:
-    """Where a stream lies in the take that it was baked from; the identity for streams without edits."""
+    """The place of a stream in the take that it was baked from; the identity for streams without edits."""
     from v3studio.studio.stream import CapturePlace, StreamMetadata
 
     return StreamMetadata.from_json(reader.manifest.metadata).capture or CapturePlace()

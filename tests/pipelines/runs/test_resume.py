@@ -71,7 +71,7 @@ def cancelled_after(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_stopped_inside_a_keyframe_continues_from_its_checkpoint(
     project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In this process, where checkpoints can be more frequent than every 500 steps."""
+    """The run is in this process, where checkpoints can be more frequent than every 500 steps."""
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
 
     def run(name: str) -> Any:
@@ -118,7 +118,7 @@ def test_killed_between_frames_continues_on_the_side_of_the_keyframe(project: Pa
 def test_stopped_in_joint_training_continues_from_its_checkpoint(
     project: Path, here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where it is stopped while it replaces the frames; and without it, they are what they were before."""
+    """It continues, too, if it is stopped while it replaces the frames; without it, they are what they were before."""
     monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
     frames = [f"frame_{index:06d}.safetensors" for index in range(3)]
 

@@ -44,7 +44,7 @@ def groups_of(take: Take) -> Groups:
 
 @pytest.fixture
 def published(monkeypatch: pytest.MonkeyPatch, take: Take) -> list[Groups]:
-    """What has been published so far, as `groups_of` tells it."""
+    """The groups that have been published so far, as `groups_of` tells it."""
     groups = []
     publish = live_bake.publish
 

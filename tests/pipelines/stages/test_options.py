@@ -26,7 +26,7 @@ def test_a_boards_sizes_are_numbers_in_millimeters(
 
 
 def test_sync_refuses_offsets_of_cameras_that_are_not_there(here: Here, tmp_path: Path) -> None:
-    """In 14 frames a square moves."""
+    """A square moves in 14 frames."""
     for name in ("left", "right"):
         folder = tmp_path / "capture" / "images" / name
         folder.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""What makes a stage stale makes its units stale, too: else it reuses them all, and counts as up to date."""
+"""A change that makes a stage stale makes its units stale, too: else it reuses them all, and counts as up to date."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -35,7 +35,7 @@ def take(tmp_path: Path) -> Take:
 
 @pytest.fixture
 def cluster(monkeypatch: pytest.MonkeyPatch, take: Take) -> Iterator[SimpleNamespace]:
-    """What was launched: `words`, `variables`, `process`; set `script` before."""
+    """The program that was launched: `words`, `variables`, `process`; set `script` before."""
     launched = SimpleNamespace(script=FAILS, words=[], variables={}, process=None)
 
     def launch(words: Any, errors: Path, variables: Any = None) -> subprocess.Popen[bytes]:

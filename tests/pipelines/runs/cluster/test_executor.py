@@ -1,4 +1,4 @@
-"""What the executor does when workers are lost, nodes are unfit or a run is cancelled, on a Ray that does as told."""
+"""The executor when workers are lost, nodes are unfit or a run is cancelled, on a Ray that does as told."""
 
 import itertools
 import shutil
@@ -105,7 +105,7 @@ class Bake:
 
 @pytest.fixture(autouse=True)
 def exceptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Those of Ray, whose import would take a second of each process that collects tests."""
+    """Ray's exceptions, whose import would take a second of each process that collects tests."""
     monkeypatch.setattr(Run, "take", Take(tmp_path), raising=False)
     monkeypatch.setattr(module, "RETRIES", 1)
     return pytest.importorskip("ray.exceptions", reason="Ray is not installed (extra cluster)")
@@ -287,7 +287,7 @@ def sent(**changes: Any) -> GroupTask:
 
 
 def refusal(**changes: Any) -> Message:
-    """What a node that lacks something answers to a task."""
+    """The answer of a node that lacks something to a task."""
     return run_task(sent(**changes), "")
 
 

@@ -26,7 +26,7 @@ print(nodes.holders(Wanted(cpus=1, gpus=0.0, memory=1)))
 
 
 def assert_names_what_holds_a_node(cluster: Any) -> None:
-    """At first, an actor holds the CPU of the first node, and that of the second is free."""
+    """An actor holds the CPU of the first node, and that of the second is free."""
     command = ("-c", HELD, cluster.address, cluster.second)
     done = warm_python().run(command, text=True, env=environment() | SETTINGS)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""On a file system without locks, everything works, and it is said once what cannot be promised."""
+"""Everything works on a file system without locks, and it is said once what cannot be promised."""
 
 import json
 import os

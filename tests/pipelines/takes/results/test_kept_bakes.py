@@ -74,7 +74,7 @@ def test_a_name_is_the_same_in_each_form_of_its_letters(take: Take) -> None:
 
 
 def test_a_stream_that_is_not_the_recorded_one_is_not_kept(take: Take) -> None:
-    """As after another program replaced the manifest."""
+    """The manifest is as after another program replaced it."""
     manifest = take.stream / "manifest.json"
     text = manifest.read_text()
     manifest.write_text(text.replace("1", "2", 1))
