@@ -24,7 +24,7 @@ from v3studio.pipelines.events.event_log import EventLog
 from v3studio.pipelines.reports.evaluation import update_marks
 from v3studio.pipelines.runs.finishing import finishing
 from v3studio.pipelines.runs.out_of_memory import memory_errors
-from v3studio.pipelines.runs.staleness import DONE, StageStatus, assess, assess_all, not_ready, write_record
+from v3studio.pipelines.runs.staleness import DONE, StageStatus, assess_all, not_ready, write_record
 from v3studio.pipelines.stages import STAGE_NAMES, STAGES, Executor, Stage, stage_named
 from v3studio.pipelines.stages.evaluate import lpips_of
 from v3studio.pipelines.stages.inputs import Inputs
@@ -50,7 +50,7 @@ _CHECKED = ("calibrate", "initialize")
 
 def status(take: Take, settings: Config | Mapping[str, Any]) -> dict[str, StageStatus]:
     """The status of each stage under these settings (as for `run`), in order."""
-    return assess_all(STAGES, Inputs(take, _config(settings)))
+    return assess_all(Inputs(take, _config(settings)))
 
 
 def run(
@@ -171,7 +171,7 @@ class _Run:
             save_config(take.config, inputs.config)
         # report unreadable footage and edits before anything else
         _ = inputs.raw_footage, inputs.footage_digest, inputs.edits
-        before = assess_all(STAGES, inputs)
+        before = assess_all(inputs)
         self.verified.update(name for name, status in before.items() if status.state == DONE)
         todo = [stage for stage in STAGES if stage.name in names and (self.force or before[stage.name].state != DONE)]
         for stage in todo:
@@ -218,7 +218,7 @@ class _Run:
         countdown, earlier = Countdown(), 0.0
         for position, stage in enumerate(todo):
             # earlier stages have run: if their results did not change, this one may be up to date after all
-            now = assess(stage, self.inputs, assess_all(STAGES, self.inputs))
+            now = assess_all(self.inputs, until=stage)[stage.name]
             if now.state == DONE and not self.force:
                 self.verified.add(stage.name)
                 continue

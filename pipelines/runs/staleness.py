@@ -10,7 +10,7 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from v3studio.pipelines.stages import Stage
+from v3studio.pipelines.stages import STAGES, Stage
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params
 from v3studio.pipelines.takes.authored.edits import PREFIX
@@ -129,14 +129,11 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     return replace(status, state=PARTIAL if partial else status.state, reason=reason, reasons=reasons)
 
 
-def assess_all(
-    stages: tuple[Stage, ...], inputs: Inputs, known: dict[str, StageStatus] | None = None
-) -> dict[str, StageStatus]:
-    """The status of stages, in their order. `known`: of some, which are not looked at again; the others are added."""
-    statuses = {} if known is None else known
-    for stage in stages:
-        if stage.name not in statuses:
-            statuses[stage.name] = assess(stage, inputs, statuses)
+def assess_all(inputs: Inputs, until: Stage = STAGES[-1]) -> dict[str, StageStatus]:
+    """The status of the stages up to this one, in their order."""
+    statuses: dict[str, StageStatus] = {}
+    for stage in STAGES[: STAGES.index(until) + 1]:
+        statuses[stage.name] = assess(stage, inputs, statuses)
     return statuses
 
 

@@ -12,7 +12,7 @@ from v3studio.pipelines.events import Emit
 from v3studio.pipelines.events.cancellation import Cancellation
 from v3studio.pipelines.runs.out_of_memory import memory_errors
 from v3studio.pipelines.runs.staleness import DONE, assess_all, not_ready
-from v3studio.pipelines.stages import STAGE_NAMES, STAGES, Stage, stage_named
+from v3studio.pipelines.stages import Stage, stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
@@ -40,10 +40,7 @@ def work(take: Take, config: Config, stage: str, group: int, key: str, emit: Emi
             raise StudioError("work.take_changed", problem, file=take.root, fix=fix, group=group, stage=stage)
         chosen = inputs.groups[group]
         _refuse_gaps(code, inputs, chosen)
-        reporter = StageReporter(stage, emit, Cancellation(), time.monotonic)
-        with take.group_locked(stage, group, reporter.check):
-            if not code.group_code.group_done(inputs, chosen):
-                code.group_code.run_group(inputs, chosen, reporter)
+        code.make_group(inputs, chosen, StageReporter(stage, emit, Cancellation(), time.monotonic))
 
 
 def _refuse_gaps(stage: Stage, inputs: Inputs, group: Group) -> None:
@@ -62,8 +59,7 @@ def _refuse_gaps(stage: Stage, inputs: Inputs, group: Group) -> None:
                     group=group.index,
                 )
         else:
-            # later stages are not looked at
-            status = assess_all(STAGES[: STAGE_NAMES.index(name) + 1], inputs)[name]
+            status = assess_all(inputs, until=before)[name]
             if status.state != DONE:
                 raise not_ready(stage, status)
     if "calibrate" in stage.dependencies:
