@@ -181,6 +181,12 @@ class MainWindow:
         )
         self._pasting = PasteActions(self._clipboard, notices, self.open, opening.new_take)
         self.actions = Actions(
+            player=player,
+            views=views,
+            workspace=workspace,
+            exports=exports,
+            serving=self.serving,
+            closing=self.close_requests,
             opening=opening,
             preferences=PreferenceActions(preferences, dialogs, notices, self._apply_preferences),
             outputs=outputs,

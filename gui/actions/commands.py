@@ -25,6 +25,12 @@ from v3studio.gui.actions.start import StartScreen
 from v3studio.gui.actions.worst import WorstActions
 from v3studio.gui.layout import Layout
 from v3studio.gui.models.notices import Notices
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.take.exports import Exports
+from v3studio.gui.models.take.serving import Serving
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.stage_views import StageViews
+from v3studio.gui.platform.closing import CloseRequests
 
 Action = Callable[[], object]
 NOTHING, TAKE, SPLATS = Needs.NOTHING, Needs.TAKE, Needs.SPLATS
@@ -39,8 +45,14 @@ KEYS_OF = {"?": ("QUESTION_MARK", "SLASH"), "<": ("COMMA", "LESS_THAN"), ">": ("
 
 @dataclass(frozen=True)
 class Actions:
-    """The groups of actions that commands choose from, and the command of each key."""
+    """The models and groups of actions that commands choose from, and the command of each key."""
 
+    player: PlayerPresenter
+    views: StageViews
+    workspace: Workspace
+    exports: Exports
+    serving: Serving
+    closing: CloseRequests
     opening: OpenDialogs
     preferences: PreferenceActions
     outputs: OutputActions
@@ -68,7 +80,7 @@ class Actions:
 
     def why_not(self, item: "Item[Actions]") -> str:
         """Why an item of the menus is not possible now; "" if it is."""
-        opened = self.review.player.opened
+        opened = self.player.opened
         if item.needs != NOTHING and opened is None:
             return "No take or stream is open."
         if item.needs == TAKE and opened is not None and opened.take is None:
@@ -79,10 +91,9 @@ class Actions:
 
     def for_key(self, event: gui.KeyEvent, again: bool = False) -> Action | None:
         """The action of a key; None if it has none, or if it is one of `SWITCHES` and is held (`again`)."""
-        key, review = gui.KeyName, self.review
+        key, review, player, transport = gui.KeyName, self.review, self.player, self.player.transport
         if again and event.key in SWITCHES:
             return None
-        player, transport = review.player, review.player.transport
         of_menu = {
             getattr(key, name): partial(self.act, item)
             for item in ITEMS.values()
@@ -127,14 +138,14 @@ class Actions:
 Lack = tuple[Callable[[Actions], object], str]
 """What a command needs, and what is said if it is not there."""
 
-NO_UNDO: Lack = (lambda do: do.edits.made, "Nothing to undo.")
-NO_REDO: Lack = (lambda do: do.edits.undone, "Nothing to redo.")
-NO_CAMERAS: Lack = (lambda do: do.review.player.camera_names, "There are no cameras yet.")
-NO_FIGURES: Lack = (lambda do: do.worst.evaluated, "Nothing is evaluated yet. Run Review.")
-NO_MARKS: Lack = (lambda do: do.marks.frames, "No marks yet. M makes one.")
+NO_UNDO: Lack = (lambda do: do.workspace.history.made, "Nothing to undo.")
+NO_REDO: Lack = (lambda do: do.workspace.history.undone, "Nothing to redo.")
+NO_CAMERAS: Lack = (lambda do: do.player.camera_names, "There are no cameras yet.")
+NO_FIGURES: Lack = (lambda do: do.worst.quality.evaluation.frames, "Nothing is evaluated yet. Run Review.")
+NO_MARKS: Lack = (lambda do: do.marks.marks.notes, "No marks yet. M makes one.")
 NO_PATH: Lack = (lambda do: do.path.editor.keys, "The camera path is empty.")
-NO_EXPORT: Lack = (lambda do: do.outputs.exporting, "No export is running.")
-NOT_SERVED: Lack = (lambda do: do.shares.serving, "Nothing is served.")
+NO_EXPORT: Lack = (lambda do: do.exports.running, "No export is running.")
+NOT_SERVED: Lack = (lambda do: do.serving.running, "Nothing is served.")
 
 MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a line between items
     "File": (
@@ -146,7 +157,7 @@ MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a li
         Item("report", "Write HTML report", lambda do: do.outputs.report(), needs=TAKE),
         None,
         Item("preferences", "Preferences...", lambda do: do.preferences.ask(), needs=NOTHING),
-        Item("quit", "Quit", lambda do: do.runs.quit(), needs=NOTHING),
+        Item("quit", "Quit", lambda do: do.closing.ask(), needs=NOTHING),
     ),
     "Edit": (
         Item("undo", "Undo", lambda do: do.edits.undo(), "Ctrl+Z", lacks=NO_UNDO),
@@ -155,8 +166,8 @@ MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a li
         Item("edit", "Trim, crop, clean", lambda do: do.edits.show(), "X", needs=TAKE),
     ),
     "View": (
-        Item("reset", "Reset view", lambda do: do.review.views.reset(), "R"),
-        Item("camera", "Next capture camera", lambda do: do.review.player.next_camera(), "C", lacks=NO_CAMERAS),
+        Item("reset", "Reset view", lambda do: do.views.reset(), "R"),
+        Item("camera", "Next capture camera", lambda do: do.player.next_camera(), "C", lacks=NO_CAMERAS),
         Item("span", "Select span: from here, to here, none", lambda do: do.review.step_span(), "T"),
         None,
         Item("scene", "Scene: splats, cameras, points", lambda do: do.review.choose("scene"), "O", needs=SPLATS),
@@ -184,14 +195,14 @@ MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a li
         Item("read_keys", "Camera path from file...", lambda do: do.path.ask_file(), needs=SPLATS),
         Item("clear_keys", "Clear camera path", lambda do: do.path.clear(), lacks=NO_PATH),
         None,
-        Item("stop_export", "Stop export", lambda do: do.outputs.stop(), needs=NOTHING, lacks=NO_EXPORT),
+        Item("stop_export", "Stop export", lambda do: do.exports.stop(), needs=NOTHING, lacks=NO_EXPORT),
     ),
     "Share": (
         Item("share folder", "Folder for a web server...", lambda do: do.shares.ask("folder")),
         Item("share single-file", "Single HTML file...", lambda do: do.shares.ask("single-file")),
         None,
         Item("serve", "Serve with QR code...", lambda do: do.shares.serve()),
-        Item("stop_serving", "Stop serving", lambda do: do.shares.stop_serving(), needs=NOTHING, lacks=NOT_SERVED),
+        Item("stop_serving", "Stop serving", lambda do: do.serving.stop(), needs=NOTHING, lacks=NOT_SERVED),
     ),
     "Help": (
         Item("stage_help", "What to look for", lambda do: do.help.show_stage(), "F1"),

@@ -57,16 +57,6 @@ class EditActions:
         self._views.select("review")
         self._views.edit()
 
-    @property
-    def made(self) -> bool:
-        """Whether there is a change to undo."""
-        return bool(self._workspace.history.made)
-
-    @property
-    def undone(self) -> bool:
-        """Whether there is a change to make again."""
-        return bool(self._workspace.history.undone)
-
     def undo(self) -> None:
         """Reverse the last change of settings, marks or edits."""
         self._step(self._workspace.history.undo)

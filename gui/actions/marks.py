@@ -25,13 +25,8 @@ class MarkActions:
     def __init__(
         self, player: PlayerPresenter, marks: Marks, workspace: Workspace, dialogs: Dialogs, notices: Notices
     ) -> None:
-        self._player, self._marks, self._workspace = player, marks, workspace
+        self._player, self.marks, self._workspace = player, marks, workspace
         self._dialogs, self._notices = dialogs, notices
-
-    @property
-    def frames(self) -> list[int]:
-        """Numbers of the marked frames in the footage."""
-        return sorted(self._marks.marks)
 
     def ask(self) -> None:
         """Ask for a note on the frame on screen, and mark it."""
@@ -40,8 +35,8 @@ class MarkActions:
             return
         transport.pause()
         frame = transport.number(transport.frame)
-        known = self._marks.marks.get(frame)
-        where = "" if self._marks.kept else ". Marks on a stream are lost when it is closed."
+        known = self.marks.marks.get(frame)
+        where = "" if self.marks.kept else ". Marks on a stream are lost when it is closed."
         mark = ("save", "Mark", lambda note: self._change(frame, note, known))
         remove = ("remove", "Remove mark", lambda _: self._change(frame, None, known))
         answers, note = ((mark,), "") if known is None else ((mark, remove), known.note)
@@ -49,7 +44,7 @@ class MarkActions:
 
     def _change(self, frame: int, note: str | None, known: Mark | None) -> None:
         """Mark a frame, or remove its mark (None); noted for undo."""
-        marks = self._marks
+        marks = self.marks
         try:
             if note is None:
                 marks.put(frame, None, known)
@@ -66,18 +61,18 @@ class MarkActions:
     def go_to_next(self, direction: int) -> None:
         """Go to the next (1) or previous (-1) mark, and to its view."""
         transport = self._player.transport
-        frame = self._marks.next_after(transport.number(transport.frame), direction)
+        frame = self.marks.next_after(transport.number(transport.frame), direction)
         if frame is not None:
             self._go_to(frame)
 
     def show(self) -> None:
         """Show the list of marks; choosing one goes to its frame and view."""
-        lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(self._marks.notes.items())}
+        lines = {f"frame {frame}: {note or '(no note)'}": frame for frame, note in sorted(self.marks.notes.items())}
         self._dialogs.choose("marks", "Marks", list(lines), lambda line: self._go_to(lines[line]), nothing=NO_MARKS)
 
     def _go_to(self, frame: int) -> None:
         """Go to a mark's frame, and to its view if it has one."""
-        player, mark = self._player, self._marks.marks.get(frame)
+        player, mark = self._player, self.marks.marks.get(frame)
         index = player.transport.numbers.index(frame)
         if index is None:
             self._notices.show(f"The take does not have frame {frame}.", topic="marks")

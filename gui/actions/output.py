@@ -164,12 +164,3 @@ class OutputActions:
                 changed = update_marks(take, context.groups)
                 words = "Updated the marks in the report" if changed else "The report is up to date"
                 notices.show(f"{words}: {take.report}", path=take.report)
-
-    @property
-    def exporting(self) -> bool:
-        """Whether an export or a share is being written."""
-        return self._exports.running
-
-    def stop(self) -> None:
-        """Stop the export that is being written."""
-        self._exports.stop()

@@ -35,10 +35,6 @@ class RunActions:
             [("again", "Run again", start), ("stay", "Cancel", lambda: None)],
         )
 
-    def quit(self) -> None:
-        """Request that the window close, as its title bar does."""
-        self._closing.ask()
-
     def close_if_asked(self) -> bool:
         """Close the window if that is requested, or ask what to do with the job that runs; returns whether it asked.
         Call at each tick."""

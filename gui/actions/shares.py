@@ -37,14 +37,6 @@ class ShareActions:
         serving.started.connect(later(self._started))
         serving.failed.connect(self._failed)
 
-    @property
-    def serving(self) -> bool:
-        """Whether something is served."""
-        return self._serving.running
-
-    def stop_serving(self) -> None:
-        self._serving.stop()
-
     def ask(self, form: str) -> None:
         """Ask for the options, then share. `form` is a key of `FORMS`."""
         size = self._size()

@@ -21,18 +21,13 @@ class WorstActions:
         self, player: PlayerPresenter, quality: QualityFigures, thumbnails: Thumbnails, dialogs: Dialogs,
         look_through: Callable[[str], None],
     ) -> None:  # fmt: skip
-        self._player, self._quality, self._thumbnails = player, quality, thumbnails
+        self._player, self.quality, self._thumbnails = player, quality, thumbnails
         self._look_through = look_through
         self._dialog = WorstDialog(dialogs, self._show_frame, self._picture)
         thumbnails.changed.connect(self._dialog.update)
 
-    @property
-    def evaluated(self) -> bool:
-        """Whether there are evaluated frames."""
-        return bool(self._quality.evaluation.frames)
-
     def show(self) -> None:
-        self._dialog.show(self._quality.evaluation, self._player.transport.number)
+        self._dialog.show(self.quality.evaluation, self._player.transport.number)
 
     def _show_frame(self, worst: WorstFrame) -> None:
         player = self._player

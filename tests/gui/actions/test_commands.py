@@ -7,6 +7,7 @@ import pytest
 from open3d.visualization import gui
 
 from v3studio.gui.actions.commands import ITEMS, Actions
+from v3studio.gui.models.marks import Marks
 
 
 def actions(**groups: Any) -> Actions:
@@ -35,7 +36,7 @@ def test_a_held_key_that_switches_acts_once(name: str) -> None:
     ],
 )
 def test_a_command_says_why_it_is_not_possible(item: str, opened: Any, why: str) -> None:
-    do = actions(review=SimpleNamespace(player=SimpleNamespace(opened=opened)), marks=SimpleNamespace(frames=[]))
+    do = actions(player=SimpleNamespace(opened=opened), marks=SimpleNamespace(marks=Marks()))
     assert do.why_not(ITEMS[item]) == why
 
 
