@@ -1,1 +1,1 @@
-"""What the toolkit lacks: X11 keyboards and screens, Vulkan devices, redraws, closing."""
+"""X11 keyboards and screens, Vulkan devices, closing: what the toolkit lacks."""
