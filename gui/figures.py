@@ -1,6 +1,8 @@
-"""Keeps the figures of quality up to date: the evaluation, and what the timeline plots of it."""
+"""Keeps what the timeline shows up to date: the evaluation, marks and the views of the camera path."""
 
+from v3studio.gui.models.camera_path import PathEditor
 from v3studio.gui.models.evaluation import Evaluation
+from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.timeline_plots import PLOTTED, plots_of
 from v3studio.gui.models.take.workspace import Workspace, modified
@@ -48,3 +50,14 @@ class QualityFigures:
         self._timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
         against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
         self._timeline.explanation = evaluation.explanation + against
+
+
+def mark_timeline(
+    timeline: TimelinePanel, player: PlayerPresenter, marks: Marks, path: PathEditor, shows_path: bool
+) -> None:
+    """Give the timeline the marks, and the views of the camera path if its panel is on screen."""
+    numbers = path.numbers = player.transport.numbers
+    timeline.path_keys = [-1 if frame is None else frame for frame in path.frames] if shows_path else []
+    marked = {at: mark.view for frame, mark in sorted(marks.marks.items()) if (at := numbers.index(frame)) is not None}
+    timeline.marks = tuple(marked)
+    player.places = {at: view.place for at, view in marked.items() if view is not None and view.place}

@@ -28,7 +28,7 @@ from v3studio.gui.actions.start import StartActions, StartScreen
 from v3studio.gui.actions.worst import WorstActions
 from v3studio.gui.drawing.icons import FONT
 from v3studio.gui.drawing.palette import DIM, GROUND, PANEL, TEXT
-from v3studio.gui.figures import QualityFigures
+from v3studio.gui.figures import QualityFigures, mark_timeline
 from v3studio.gui.layout import Layout, Panels
 from v3studio.gui.models.loop import LOOP, later
 from v3studio.gui.models.marks import Marks
@@ -54,7 +54,6 @@ from v3studio.gui.platform.menu_bar import MenuBar
 from v3studio.gui.platform.presses import Chords
 from v3studio.gui.platform.x_window import XDisplay
 from v3studio.gui.state import StateLog, output_state, panel_state, playback_state, take_state
-from v3studio.gui.updates import mark_timeline, path_pictures, update_buttons, update_inspector, update_status
 from v3studio.gui.user_input import KeysOverPanels, UserInput
 from v3studio.gui.viewport import Viewport
 from v3studio.gui.widgets.camera_menu import CameraMenu
@@ -65,7 +64,7 @@ from v3studio.gui.widgets.inspector import InspectorPanel
 from v3studio.gui.widgets.modes import ModesPanel
 from v3studio.gui.widgets.notice_bar import NoticeBar
 from v3studio.gui.widgets.path_panel import PathPanel
-from v3studio.gui.widgets.picture import make_label, put
+from v3studio.gui.widgets.picture import color, make_label, put
 from v3studio.gui.widgets.raycast import RaycastMesh
 from v3studio.gui.widgets.stages import StagesPanel
 from v3studio.gui.widgets.swap_guard import SwapGuard
@@ -141,10 +140,23 @@ class MainWindow:
             modes=ModesPanel(self.views.choices(), em, self._chosen, hints),
             stages=stages,
             inspector=InspectorPanel(
-                em, changed, lambda fix: self._settings.apply_fix(fix), self.window.set_needs_layout
+                player,
+                workspace,
+                self.marks,
+                em,
+                changed,
+                lambda fix: self._settings.apply_fix(fix),
+                self.window.set_needs_layout,
             ),
             camera_menu=CameraMenu(em, changed),
-            path_panel=PathPanel(em, self.exports.path, lambda what, row: self.actions.path.act(what, row), changed),
+            path_panel=PathPanel(
+                player,
+                self.exports.path,
+                self._thumbnails,
+                em,
+                lambda what, row: self.actions.path.act(what, row),
+                changed,
+            ),
             start=StartPanel(page, em, lambda name: self._start.act(name), changed),
             notice_bar=NoticeBar(self.notices, em, self._clipboard, changed),
             hints=hints,
@@ -260,7 +272,7 @@ class MainWindow:
         self.serving.failed.connect(lambda _: self.changed())
 
     def _selected(self, stage: str) -> None:
-        self.panels.stages.selected = self.panels.inspector.stage = stage
+        self.panels.stages.selected = stage
         self.panels.camera_menu.close()
         self.window.set_needs_layout()
 
@@ -339,26 +351,38 @@ class MainWindow:
 
     def _update(self) -> bool:
         """Show the state in the panels; returns whether anything changed."""
-        panels, views, player, pointer = self.panels, self.views, self.player, self._input.pointer
-        path, timeline, covered = self.exports.path, self.panels.timeline, self._user.covered
-        mark_timeline(timeline, player, self.marks, path, panels.path_panel.shown)
+        panels, pointer, covered = self.panels, self._input.pointer, self._user.covered
+        timeline = panels.timeline
+        mark_timeline(timeline, self.player, self.marks, self.exports.path, panels.path_panel.shown)
         timeline.busy = self.workspace.busy
         self._quality.update()
         timeline.look(pointer, covered)
         changed, layout = timeline.update(), False
-        pictures = path_pictures(panels.path_panel, player, path, self._thumbnails)
-        changed |= panels.path_panel.update(pictures, self.actions.path.preview.playing)
+        changed |= panels.path_panel.update(self.actions.path.preview.playing)
         if not self.layout.fullscreen and not panels.start.shown:
-            buttons, layout = update_buttons(panels, views, self._guard, pointer)
-            changed |= buttons | update_inspector(panels, views, self.workspace, self.marks, self._quality)
+            buttons, layout = self._update_panels(pointer)
+            changed |= buttons
             layout |= panels.hints.update(pointer, bool(self._user.buttons) or covered)
-            words = (self.notices.line, self.exports.words, self.serving.words)
-            layout |= update_status(panels.status, views, *words)
         overlays = self._overlays.update()
         if layout or overlays[1]:
             self.window.set_needs_layout()
         put(self.window, title=self._overlays.title)
         return changed | layout | overlays[0] | self.actions.search.update()
+
+    def _update_panels(self, pointer: tuple[int, int] | None) -> tuple[bool, bool]:
+        """Show the state in the panels beside the view; whether anything changed, and whether a layout is due."""
+        panels, views, quality, notice = self.panels, self.views, self._quality, self.notices.line
+        controls = panels.controls.update(views.edits_take)
+        modes = panels.modes.update(views.row, views.chosen(), views.idle, pointer)
+        stages = panels.stages.update()
+        if modes[1]:
+            self._guard.swapped()
+        blocks = views.stage_view.blocks if views.stage_view is not None else ()
+        changed = panels.inspector.update(views.stage, blocks, quality.evaluation, quality.camera)
+        words = (notice or views.on_screen.status, self.exports.words, self.serving.words)
+        panels.status.text_color = color(TEXT if notice else DIM)
+        status = put(panels.status, text="   ".join(filter(None, words)))
+        return changed | controls[0] | modes[0] | stages[0], status | controls[1] | modes[1] | stages[1]
 
     def _drawn(self) -> None:
         """The window is drawn with what it shows now."""

@@ -152,7 +152,7 @@ def test_the_players_folders_import_downwards_and_not_in_a_circle() -> None:
 
 
 GUI = (
-    "app", "window", "user_input", "updates", "overlays", "state", "actions", "pace", "figures", "layout", "viewport",
+    "app", "window", "user_input", "overlays", "state", "actions", "pace", "figures", "layout", "viewport",
     "pages", "widgets", "models.take", "models.playback", "models.scene", "models", "drawing", "platform",
 )  # fmt: skip
 """Modules of `gui`, top down: each may import the ones after it, and nothing before it."""

@@ -33,17 +33,15 @@ class InspectorPanel:
     """Shows the figures and the log, whose edge can be dragged."""
 
     def __init__(
-        self,
-        em: float,
-        changed: Callable[[], None],
-        apply_fix: Callable[[Fix], None],
-        laid_out: Callable[[], None],
-    ) -> None:
+        self, player: PlayerPresenter, workspace: Workspace, marks: Marks, em: float, changed: Callable[[], None],
+        apply_fix: Callable[[Fix], None], laid_out: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._player, self._workspace, self._marks = player, workspace, marks
         self._em, self._changed, self._apply_fix, self._laid_out = em, changed, apply_fix, laid_out
         self.figures = ImagePanel(self._on_figures)
         self.log = ImagePanel(self._on_mouse)
         # the selected stage; Review has more figures than others, which leave more room to the log
-        self.stage = "review"
+        self._stage = "review"
         self.large = False  # whether the log covers the view
         self.log_height: float | None = None  # height of the log as dragged, em; None for what the figures leave
         self.only_warnings = False  # whether the log shows warnings and errors only
@@ -89,7 +87,7 @@ class InspectorPanel:
     def _share(self) -> None:
         """Divide the panel: the figures get what they need, but leave some lines to the log."""
         x, y, width, height = self._place
-        usual = (0.72 if self.stage == "review" else 0.5) * height
+        usual = (0.72 if self._stage == "review" else 0.5) * height
         needed = figures_height(self._blocks, int(width), self._em) if self._blocks else 0.0
         share = round(max(min(needed, height - LEAST_LOG * self._em), usual))
         if self.log_height is not None:
@@ -103,23 +101,18 @@ class InspectorPanel:
             self.figures.place(x, y, width, share)
             self.log.place(*(self._over if self.large else (x, y + share, width, height - share)))
 
-    def update(
-        self,
-        player: PlayerPresenter,
-        evaluation: Evaluation,
-        marks: Marks,
-        workspace: Workspace,
-        stage: str,
-        of_stage: Sequence[Block],
-        camera: str,
-    ) -> bool:
-        """Redraw the figures if they have changed; return whether they did. `update_log` then uses the room left."""
+    def update(self, stage: str, of_stage: Sequence[Block], evaluation: Evaluation, camera: str) -> bool:
+        """Redraw what has changed; returns whether anything did. `camera`: whose quality is shown; "" for the mean."""
+        return self._update_figures(stage, of_stage, evaluation, camera) | self._update_log()
+
+    def _update_figures(self, stage: str, of_stage: Sequence[Block], evaluation: Evaluation, camera: str) -> bool:
+        player, workspace, self._stage = self._player, self._workspace, stage
         of = (player.frame, player.what, player.mode, player.camera, stage, camera)  # shown everywhere in the same draw
         if time.monotonic() < self._next and of == self._of:
             return False
         self._next, self._of = time.monotonic() + PAUSE, of
         self.frame = player.frame
-        blocks = review_blocks(player, evaluation, marks, camera)
+        blocks = review_blocks(player, evaluation, self._marks, camera)
         if stage != "review" and workspace.take is not None:
             blocks = blocks[:1]
         blocks = [*run_blocks(workspace, stage), *of_stage, *blocks]
@@ -146,9 +139,9 @@ class InspectorPanel:
         self._changed()
         return True
 
-    def update_log(self, workspace: Workspace) -> bool:
+    def _update_log(self) -> bool:
         """Redraw the log, in the size that the figures leave, if it has changed; return whether it has."""
-        run, size = workspace.run, self.log.size
+        workspace, run, size = self._workspace, self._workspace.run, self.log.size
         last = run.lines[-1] if run.lines else None
         lines_of = (id(run), len(run.lines), last, size[0], id(workspace.config), self.only_warnings)
         if lines_of != self._lines_of:

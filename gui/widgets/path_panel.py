@@ -10,6 +10,8 @@ from v3studio.gui.drawing.areas import Areas
 from v3studio.gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, BORDER, DIM, FAINT, LINE, PANEL, RAISED, TEXT
 from v3studio.gui.models.camera_path import PathEditor
+from v3studio.gui.models.playback.player import PlayerPresenter
+from v3studio.gui.models.playback.thumbnails import Thumbnails
 from v3studio.gui.widgets.picture import ImagePanel
 from v3studio.studio.formats.camera_path import Key
 
@@ -156,9 +158,11 @@ class PathPanel:
     """Shows the views of the camera path. `act`: called with a key of `HINTS` for a click, and the view or -1."""
 
     def __init__(
-        self, em: float, editor: PathEditor, act: Callable[[str, int], None], changed: Callable[[], None]
-    ) -> None:
-        self._em, self._editor, self._act, self._changed = em, editor, act, changed
+        self, player: PlayerPresenter, editor: PathEditor, thumbnails: Thumbnails, em: float,
+        act: Callable[[str, int], None], changed: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._player, self._editor, self._thumbnails = player, editor, thumbnails
+        self._em, self._act, self._changed = em, act, changed
         self.shown = False
         self.picture = ImagePanel(self._on_mouse)
         self.picture.widget.visible = False
@@ -166,11 +170,24 @@ class PathPanel:
         self.list = PathList(16, 16, em)
         self._drawn: object = None
 
-    def update(self, thumbnails: Sequence[np.ndarray | None], previewing: bool) -> bool:
-        """Draw what has changed; returns whether anything did. `thumbnails`: None while one is being drawn."""
+    def _pictures(self) -> list[np.ndarray | None]:
+        """Thumbnails of the views, None while they are being drawn, and while frames are played."""
+        player, editor = self._player, self._editor
+        opened = player.opened
+        if opened is None or player.transport.playing:
+            return [None] * len(editor.keys)
+        return [
+            None
+            if frame is None
+            else self._thumbnails.get(opened.path, player.contents, key.camera, frame, self.list.thumbnail_size)
+            for key, frame in zip(editor.keys, editor.frames, strict=True)
+        ]
+
+    def update(self, previewing: bool) -> bool:
+        """Draw what has changed; returns whether anything did."""
         if not self.picture.widget.visible:
             return False
-        editor, size = self._editor, self.picture.size
+        editor, size, thumbnails = self._editor, self.picture.size, self._pictures()
         state = (
             size, editor.keys, editor.selected, editor.error, previewing, self._down,
             [id(thumbnail) for thumbnail in thumbnails],
