@@ -7,7 +7,7 @@ from open3d.visualization import gui, rendering
 
 from v3studio.gui.actions import menus
 from v3studio.gui.actions.bakes import BakeActions
-from v3studio.gui.actions.cameras import CameraActions, CameraMenuActions, CameraUseActions
+from v3studio.gui.actions.cameras import CameraActions
 from v3studio.gui.actions.commands import ITEMS, MENUS, Actions
 from v3studio.gui.actions.edits import EditActions
 from v3studio.gui.actions.help import HelpActions
@@ -24,7 +24,7 @@ from v3studio.gui.actions.runs import RunActions
 from v3studio.gui.actions.search import SearchActions
 from v3studio.gui.actions.settings import SettingRequests
 from v3studio.gui.actions.shares import ShareActions
-from v3studio.gui.actions.start import StartActions, StartScreen
+from v3studio.gui.actions.start import StartScreen
 from v3studio.gui.actions.worst import WorstActions
 from v3studio.gui.drawing.icons import FONT
 from v3studio.gui.drawing.palette import DIM, GROUND, PANEL, TEXT
@@ -157,7 +157,7 @@ class MainWindow:
                 lambda what, row: self.actions.path.act(what, row),
                 changed,
             ),
-            start=StartPanel(page, em, lambda name: self._start.act(name), changed),
+            start=StartPanel(page, em, lambda name: self._screen.act(name), changed),
             notice_bar=NoticeBar(self.notices, em, self._clipboard, changed),
             hints=hints,
             status=make_label("", DIM, PANEL),
@@ -177,20 +177,20 @@ class MainWindow:
         thumbnails, quality, changed = self._thumbnails, self._quality, self.changed
         self._opening = Opening(player, workspace, views, preferences, notices)
         self._settings = SettingRequests(workspace, panels.stages, dialogs, notices)
-        self._screen = StartScreen(panels.start, self.layout, player, workspace, preferences, changed)
+        self._screen = StartScreen(
+            panels.start, self.layout, player, workspace, preferences, notices, self.open,
+            lambda key: self.actions.act(ITEMS[key]), changed,
+        )  # fmt: skip
         opening = OpenDialogs(player, preferences, dialogs, self.open, changed)
         outputs = OutputActions(player, workspace, views, exports, dialogs, notices)
-        cameras, uses = CameraActions(player, views), CameraUseActions(workspace, dialogs, notices)
-        CameraMenuActions(
-            workspace, views, quality, panels.viewport, panels.camera_menu, cameras, uses, self.window.set_needs_layout
-        )
+        cameras = CameraActions(
+            player, workspace, views, quality, panels.viewport, panels.camera_menu, dialogs, notices,
+            self.window.set_needs_layout,
+        )  # fmt: skip
         bakes = BakeActions(player, workspace, views, dialogs, notices, changed)
-        wanted = {"cameras": uses.ask, "bakes": bakes.show}
+        wanted = {"cameras": cameras.ask, "bakes": bakes.show}
         views.dialog_wanted.connect(later(lambda name: wanted[name]()))
-        page = panels.start.page
-        self._start = StartActions(
-            page, self._screen, preferences, notices, self.open, lambda key: self.actions.act(ITEMS[key])
-        )
+        queue = panels.start.page.queue
         self._pasting = PasteActions(self._clipboard, notices, self.open, opening.new_take)
         self.actions = Actions(
             player=player,
@@ -206,7 +206,7 @@ class MainWindow:
             edits=EditActions(player, workspace, views, dialogs, notices, changed),
             review=ReviewActions(player, views, notices, self._guard),
             worst=WorstActions(player, quality, thumbnails, dialogs, cameras.look_through),
-            queue=QueueActions(page.queue, workspace, dialogs, self.open),
+            queue=QueueActions(queue, workspace, dialogs, self.open),
             screen=self._screen,
             layout=self.layout,
             marks=MarkActions(player, self.marks, workspace, dialogs, notices),
@@ -223,7 +223,7 @@ class MainWindow:
             notices=notices,
         )  # fmt: skip
         dialogs.remembered = self.actions.preferences.keep_folder
-        page.queue.watched = lambda: self._screen.shown or self.actions.queue.shown
+        queue.watched = lambda: self._screen.shown or self.actions.queue.shown
         panels.timeline.moved_key = self.actions.path.move_frame
 
     def _make_input(self) -> None:

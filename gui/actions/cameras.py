@@ -30,11 +30,18 @@ USES = {  # uses of a camera: the item of its menu, and what that does
 
 
 class CameraActions:
-    """Shows one camera: its footage, its masks, its errors, or the performer from it."""
+    """Shows one camera: its footage, its masks, its errors, or the performer from it; opens its menu, and changes the
+    uses of cameras in the settings of the open take. `lay_out`: has the window laid out again."""
 
-    def __init__(self, player: PlayerPresenter, views: StageViews) -> None:
-        self._player, self._views = player, views
+    def __init__(
+        self, player: PlayerPresenter, workspace: Workspace, views: StageViews, quality: QualityFigures,
+        viewport: Viewport, menu: CameraMenu, dialogs: Dialogs, notices: Notices, lay_out: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._player, self._workspace, self._views, self._quality = player, workspace, views, quality
+        self._viewport, self._menu, self._dialogs, self._notices = viewport, menu, dialogs, notices
+        self._lay_out = lay_out
         views.camera_clicked.connect(self._clicked)
+        views.camera_menu.connect(later(self._open_menu))
 
     def _clicked(self, camera: str) -> None:
         if self._views.stage == "capture":
@@ -65,13 +72,6 @@ class CameraActions:
         self._views.select("calibrate")
         self._views.choose("report")
         self._views.stage_views["calibrate"].camera = camera
-
-
-class CameraUseActions:
-    """Changes the uses of cameras in the settings of the open take."""
-
-    def __init__(self, workspace: Workspace, dialogs: Dialogs, notices: Notices) -> None:
-        self._workspace, self._dialogs, self._notices = workspace, dialogs, notices
 
     def uses(self) -> dict[str, str]:
         """A key of `USES` by camera; none without a take whose footage can be read."""
@@ -110,32 +110,20 @@ class CameraUseActions:
             return str(error)
         return ""
 
-
-class CameraMenuActions:
-    """Opens the menu of a camera. `lay_out`: has the window laid out again."""
-
-    def __init__(
-        self, workspace: Workspace, views: StageViews, quality: QualityFigures, viewport: Viewport, menu: CameraMenu,
-        cameras: CameraActions, uses: CameraUseActions, lay_out: Callable[[], None],
-    ) -> None:  # fmt: skip
-        self._workspace, self._quality, self._viewport = workspace, quality, viewport
-        self._menu, self._cameras, self._uses, self._lay_out = menu, cameras, uses, lay_out
-        views.camera_menu.connect(later(self._open))
-
-    def _open(self, camera: str) -> None:
-        take, uses = self._workspace.take, self._uses.uses()
+    def _open_menu(self, camera: str) -> None:
+        take, uses = self._workspace.take, self.uses()
         if take is None or camera not in uses:
             return
         items: list[Item] = [
-            ("look", "Look through", lambda: self._cameras.look_through(camera)),
-            ("masks", "Show its masks", lambda: self._cameras.show_masks(camera)),
+            ("look", "Look through", partial(self.look_through, camera)),
+            ("masks", "Show its masks", partial(self.show_masks, camera)),
         ]
         if take.rig.is_file():
-            items.append(("errors", "Show its reprojection errors", lambda: self._cameras.show_errors(camera)))
+            items.append(("errors", "Show its reprojection errors", partial(self.show_errors, camera)))
         for other, (label, _) in USES.items():
             if other != uses[camera]:
-                items.append((other, label, partial(self._uses.use, camera, other)))
-        items.append(("list", "All cameras...", self._uses.ask))
+                items.append((other, label, partial(self.use, camera, other)))
+        items.append(("list", "All cameras...", self.ask))
         facts = camera_facts(take, self._quality.evaluation, camera)
         self._menu.open(self._viewport.clicked_at, camera, uses[camera], facts, items)
         self._lay_out()

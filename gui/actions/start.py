@@ -1,4 +1,4 @@
-"""The start page: what its parts do, and when it is on screen."""
+"""The start page: when it is on screen, and what its parts do."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.preferences import Preferences
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.gui.pages.start.page import StartPage
+from v3studio.gui.pages.start.cards import CardKind
 from v3studio.gui.pages.start.panel import StartPanel
 from v3studio.pipelines.new_take import make_sample_take
 
@@ -16,15 +16,18 @@ LOOK_EVERY = 0.25  # seconds between two looks at the files of the page
 
 
 class StartScreen:
-    """Shows the start page while nothing is open, and over the open take or stream if it is asked for."""
+    """Shows the start page while nothing is open, and over the open take or stream if it is asked for; does what its
+    parts stand for. `open_place`: opens a path or URL; `command`: does what an item of the menus stands for."""
 
     def __init__(
         self, panel: StartPanel, layout: Layout, player: PlayerPresenter, workspace: Workspace,
-        preferences: Preferences, changed: Callable[[], None],
+        preferences: Preferences, notices: Notices, open_place: Callable[[str], None],
+        command: Callable[[str], object], changed: Callable[[], None],
     ) -> None:  # fmt: skip
         self._panel, self._layout, self._player, self._workspace = panel, layout, player, workspace
-        self._preferences, self._changed = preferences, changed
-        panel.page.changed.connect(changed)
+        self._preferences, self._notices, self._page = preferences, notices, panel.page
+        self._open, self._command, self._changed = open_place, command, changed
+        self._page.changed.connect(changed)
         self._asked = False
         self._timer = LOOP.every(LOOK_EVERY, self._look)
 
@@ -40,15 +43,11 @@ class StartScreen:
         self._timer.soon()
         self._changed()
 
-    def look_soon(self) -> None:
-        """Look at the files of the page at the next tick."""
-        self._timer.soon()
-
     def _look(self) -> None:
-        opened, page = self._player.opened, self._panel.page
+        opened = self._player.opened
         if self._panel.shown:
-            page.back = opened.title if opened is not None else ""
-            page.look(self._preferences.recent)
+            self._page.back = opened.title if opened is not None else ""
+            self._page.look(self._preferences.recent)
 
     def show(self) -> None:
         """Show the page over the open take or stream."""
@@ -67,23 +66,11 @@ class StartScreen:
         if not self.hide():
             self.show()
 
-
-class StartActions:
-    """Does what the parts of the page stand for. `open_place`: opens a path or URL; `command`: does what an item of the
-    menus stands for, by its key."""
-
-    def __init__(
-        self, page: StartPage, screen: StartScreen, preferences: Preferences, notices: Notices,
-        open_place: Callable[[str], None], command: Callable[[str], object],
-    ) -> None:  # fmt: skip
-        self._page, self._screen, self._preferences, self._notices = page, screen, preferences, notices
-        self._open, self._command = open_place, command
-
     def act(self, name: str) -> None:
         """Do what a part of the page stands for, see `StartImage`."""
         kind, _, number = name.partition(" ")
         actions: dict[str, Callable[[], object]] = {
-            "back": self._screen.hide,
+            "back": self.hide,
             "card": lambda: self._open_card(int(number)),
             "remove": lambda: self._remove_card(int(number)),
             "forget": self._forget_missing,
@@ -92,7 +79,7 @@ class StartActions:
             "sample": self._open_sample,
         }
         actions.get(kind, lambda: self._command(kind))()
-        self._screen.look_soon()
+        self._timer.soon()
 
     def _remove_card(self, number: int) -> None:
         if number < len(self._page.places):
@@ -108,7 +95,7 @@ class StartActions:
             return
         place = self._page.places[number]
         card = self._page.cards.get(place)
-        if card is not None and card.kind == "missing":
+        if card is not None and card.kind == CardKind.MISSING:
             words = f"{place}: no such folder. It was moved, deleted, or is on a disk that is not connected."
             self._notices.show(words, bad=True, topic="open")
         else:
