@@ -7,15 +7,20 @@ from v3studio.gui.drawing.compare import Mode, What
 from v3studio.gui.widgets.modes import Choice
 
 
-class ViewMode(StrEnum):
-    """What the view of a stage shows, with the tooltip of its button."""
+class Button(StrEnum):
+    """The key of a button, with its tooltip, and what the view says while it is pressed."""
 
     tooltip: str
+    hint: str
 
-    def __new__(cls, value: str, tooltip: str = "") -> Self:
-        mode = str.__new__(cls, value)
-        mode._value_, mode.tooltip = value, tooltip
-        return mode
+    def __new__(cls, value: str, tooltip: str = "", hint: str = "") -> Self:
+        button = str.__new__(cls, value)
+        button._value_, button.tooltip, button.hint = value, tooltip, hint
+        return button
+
+
+class ViewMode(Button):
+    """The images that the views of stages show."""
 
     AS_FILMED = ""
     MASKS = "masks", "Darken the background, and outline the masks; again: the images as filmed"
@@ -28,10 +33,7 @@ class ViewMode(StrEnum):
     MESH = "mesh", "Visual hull of the group's keyframe"
     POINTS = "points", "Initial points for training"
     PROGRESS = "progress", "Live loss, PSNR and splat count; latest render of a held-out camera next to its footage"
-    CAMERA_COLORS = (
-        "camera colors",
-        "Each camera's image as filmed, and in the mean camera's colors",
-    )
+    CAMERA_COLORS = "camera colors", "Each camera's image as filmed, and in the mean camera's colors"
     BYTES = "bytes", "Size by attribute and by group"
     OTHER_QPS = "try other QPs", "Size and PSNR at other quantization parameters, measured on a whole group"
 

@@ -75,9 +75,7 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
         fix = "Choose another one, or run its stages."
         raise StudioError("gui.nothing_to_compare", "nothing is trained or baked in this take", file=place, fix=fix)
     source = opened.default
-    for other in opened.sources.values():
-        if other is not source:
-            other.close()
+    opened.close(kept=source)
     if isinstance(source, StreamSource):
         source.fades = False  # both sides of a comparison show everything
     if evaluation is None and opened.take is not None and not measured_earlier_bake(opened.take):

@@ -418,5 +418,5 @@ class PlayerPresenter(Viewpoint):
         if self.audio is not None:
             self.transport.follow(None)
             self.audio.close()
-        for source in (*(self.opened.sources.values() if self.opened is not None else ()), *others):
+        for source in (*([self.opened] if self.opened is not None else []), *others):
             source.close()

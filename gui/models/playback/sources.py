@@ -74,6 +74,12 @@ class Opened:
         """The source to show first; None if there is none yet."""
         return next(iter(self.sources.values()), None)
 
+    def close(self, kept: FrameSource | None = None) -> None:
+        """Close all sources but `kept`."""
+        for source in self.sources.values():
+            if source is not kept:
+                source.close()
+
     def group(self, frame: int, starts: Sequence[int] = ()) -> int:
         """The number of a frame's group in the take's folders, from the first frame of each group of the footage, else
         of the trained groups. Those of its stream may differ: a trim drops some, `first_group_size` divides one."""
@@ -161,8 +167,7 @@ def load(path: str | Path) -> tuple[Opened, Gaussians | None]:
         opened.reach = reach_of(opened)
     except StudioError as error:
         if opened.take is None:
-            for source in opened.sources.values():
-                source.close()
+            opened.close()
             raise
         first, opened.message = None, message_text(error)  # the rest of the take can still be shown
     return opened, first

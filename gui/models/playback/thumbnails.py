@@ -74,9 +74,7 @@ class Thumbnails:
             self._close_source()
             opened = open_path(request.place)
             source = opened.sources.get(What.TRAINED) or opened.default
-            for other in opened.sources.values():
-                if other is not source:
-                    other.close()
+            opened.close(kept=source)
             self._source, self._source_of = source, (request.place, request.contents)
         if self._source is None:
             raise LookupError("nothing to draw")

@@ -10,6 +10,7 @@ from typing import Any
 
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.take.jobs import Commands
+from v3studio.gui.models.take.workspace import modified
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.events import Event, Finished, read_line
@@ -91,10 +92,9 @@ class Estimates(Commands):
 
 def _cache_file(take: Take, config: Config) -> Path:
     """Its name has everything that the figures depend on, apart from the load of the machine."""
-    rig = take.rig.stat().st_mtime_ns if take.rig.is_file() else 0
     unset = {name.partition(".")[2] for name in PRESETS["standard"]}  # set by the presets
     depends = [
-        str(take.root.resolve()), rig, os.cpu_count(), program_version(), PRESETS,
+        str(take.root.resolve()), modified(take.rig), os.cpu_count(), program_version(), PRESETS,
         config.capture.model_dump(mode="json"), config.initialize.model_dump(mode="json", exclude=unset),
         config.train.model_dump(mode="json", exclude=unset), config.bake.model_dump(mode="json", exclude=unset),
         config.evaluate.model_dump(mode="json"), config.run.model_dump(mode="json"),

@@ -1,6 +1,7 @@
 """Garbage masks drawn in the window: polygons of one camera where the performer never is."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from v3studio.gui.models.history import Change
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.playback.image_zoom import Magnifier
 from v3studio.gui.models.take.settings import setting_value
-from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.pipelines.takes.authored.drawn_masks import DRAWN, file_of_garbage
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.studio.atomic_files import remove, write_bytes
@@ -62,10 +63,9 @@ class GarbageDrawing:
         in_take = file_of_garbage(context.config.capture, context.take) is not None
         if not in_take and is_address(context.config.capture.root):  # objects are not asked for at each tick
             return None
-        try:
-            return self._path().stat().st_mtime_ns
-        except (StudioError, OSError):
-            return None
+        with suppress(StudioError):
+            return modified(self._path())
+        return None
 
     def click(self, camera: str, at: Point, size: tuple[int, int], reach: float) -> None:
         """Add a corner; close the polygon if it is within `reach` of the first one. In pixels of the footage."""

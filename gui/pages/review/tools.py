@@ -1,25 +1,15 @@
 """The tools of the edits: their buttons, what they say, and the limits that are proposed for floaters."""
 
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Self
 
-from v3studio.gui.pages.choices import Choice
+from v3studio.gui.pages.choices import Button, Choice
 from v3studio.pipelines.takes.authored.edits import limit_words
 from v3studio.studio.counts import counted
 from v3studio.studio.edits.edit_list import Floaters
 
 
-class Tool(StrEnum):
-    """What the mouse does to the edits, with the tooltip of its button, and what the view says about it."""
-
-    tooltip: str
-    hint: str
-
-    def __new__(cls, value: str, tooltip: str, hint: str = "") -> Self:
-        tool = str.__new__(cls, value)
-        tool._value_, tool.tooltip, tool.hint = value, tooltip, hint
-        return tool
+class Tool(Button):
+    """The tools by which the mouse changes the edits."""
 
     ORBIT = "orbit", "Drags turn the view"
     CROP = "crop", "Drag the faces of a box; splats outside are removed", "Drag the dots on the faces."

@@ -47,11 +47,8 @@ def _contents(place: str) -> list[int]:
 def _made(place: str) -> np.ndarray | None:
     opened = open_path(place)
     if opened.default is not None:
-        try:
+        with contextlib.closing(opened):
             gaussians = first_whole(opened.default)
-        finally:
-            for source in opened.sources.values():
-                source.close()
         orbit = OrbitCamera.showing(body_of(gaussians), opened.up, opened.view)
         return draw(gaussians, orbit.camera(*SIZE), BACKGROUNDS["dark"])
     if opened.take is None:
