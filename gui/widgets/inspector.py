@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from open3d.visualization import gui
 
 from v3studio.gui.models.evaluation import Evaluation
@@ -53,8 +54,6 @@ class InspectorPanel:
         self._over = self._place
         self._placed: object = None
         self._down, self._blocks = 0.0, list[Block]()
-        self._figures_of: object = None
-        self._log_of: object = None
         self.view = LogView([], 16, 16, em)  # the log as it was drawn last
         self._rows: list[LogRow] = []
         self._lines_of: tuple[object, ...] = (None,)
@@ -119,12 +118,8 @@ class InspectorPanel:
         self._blocks = blocks
         self._share()
         self._scroll(0.0)
-        state = (blocks, self.figures.size, self._down)
-        if state == self._figures_of:
-            return False
-        self._figures_of = state
-        self.figures.show(figures_picture(blocks, *self.figures.size, self._em, self._down))
-        return True
+        size, down = self.figures.size, self._down
+        return self.figures.update((blocks, size, down), lambda: figures_picture(blocks, *size, self._em, down))
 
     def _scroll(self, pixels: float) -> None:
         width, height = self.figures.size
@@ -155,11 +150,12 @@ class InspectorPanel:
             self._rows = log_rows(lines, size[0], self._em, workspace.config)
         view = LogView(self._rows, *size, self._em, self._back, self.large, self._warnings, self.only_warnings)
         state = (view.shown, view.back, size, view.large, view.warnings, view.only_warnings)
-        if state == self._log_of:
-            return False
-        self._log_of, self.view = state, view
-        self.log.show(view.picture())
-        return True
+
+        def draw() -> np.ndarray:
+            self.view = view
+            return view.picture()
+
+        return self.log.update(state, draw)
 
     def _on_edge(self, event: gui.MouseEvent, y: float) -> bool:
         """Resize the log by a drag of its heading; a click enlarges it, or undoes that. Returns whether it was one."""

@@ -168,7 +168,6 @@ class PathPanel:
         self.picture.widget.visible = False
         self._down = 0.0
         self.list = PathList(16, 16, em)
-        self._drawn: object = None
 
     def _pictures(self) -> list[np.ndarray | None]:
         """Thumbnails of the views, None while they are being drawn, and while frames are played."""
@@ -192,13 +191,13 @@ class PathPanel:
             size, editor.keys, editor.selected, editor.error, previewing, self._down,
             [id(thumbnail) for thumbnail in thumbnails],
         )  # fmt: skip
-        if state == self._drawn:
-            return False
-        self._drawn = state
-        self.list = PathList(*size, self._em, self._down)
-        self._down = self.list.down = min(self._down, self.list.most_down(len(editor.keys)))
-        self.picture.show(self.list.draw(editor.keys, thumbnails, editor.selected, previewing, editor.error))
-        return True
+
+        def draw() -> np.ndarray:
+            self.list = PathList(*size, self._em, self._down)
+            self._down = self.list.down = min(self._down, self.list.most_down(len(editor.keys)))
+            return self.list.draw(editor.keys, thumbnails, editor.selected, previewing, editor.error)
+
+        return self.picture.update(state, draw)
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
         kind = gui.MouseEvent.Type

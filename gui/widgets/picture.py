@@ -118,6 +118,7 @@ class ImagePanel:
         self._images = {} if images is None else images
         self._exact: np.ndarray | None = None
         self._draws = 0
+        self._of: object = None
         self.show(np.full((16, 16, 3), GROUND, np.uint8))
         if on_mouse is not None:
             self.widget.set_on_mouse(self._mouse)
@@ -139,6 +140,14 @@ class ImagePanel:
             self.widget.ui_image = image
         if self._exact is None:
             self.widget.update_image(as_image(pixels))
+
+    def update(self, state: object, draw: Callable[[], np.ndarray]) -> bool:
+        """Show what `draw` returns if `state`, on which it depends, has changed; returns whether it has."""
+        if state == self._of:
+            return False
+        self._of = state
+        self.show(draw())
+        return True
 
     def settle(self) -> bool:
         """Show the exact pixels of an image of a new size, at each draw of the window; whether to draw once more."""

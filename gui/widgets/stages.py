@@ -54,7 +54,6 @@ class StagesPanel:
         self._select, self._run, self._changed = select, run, changed
         self._guard, self._hints = guard, hints
         self.selected = "review"
-        self._drawn: object = None
         self.upcoming = ""
         self.list = ImagePanel(self._on_mouse)
         self.ground = gui.Vert()  # behind messages
@@ -226,11 +225,10 @@ class StagesPanel:
     def update(self) -> tuple[bool, bool]:
         """Show the state of the workspace; return (whether anything changed, whether a layout is due)."""
         rows = self._workspace.rows()
-        state = (rows, self.selected, self.list.size)
-        changed = state != self._drawn
-        if changed:
-            self._drawn = state
-            self.list.show(list_image(rows, self.selected, self.list.size[0], self._em))
+        changed = self.list.update(
+            (rows, self.selected, self.list.size),
+            lambda: list_image(rows, self.selected, self.list.size[0], self._em),
+        )
         if self._error_in != self._circumstances:
             self._refuse(None)
         row = self._workspace.row(self.selected)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import numpy as np
 from open3d.visualization import gui
 
 from v3studio.gui.pages.start.drawing import HINTS, StartImage
@@ -22,7 +23,6 @@ class StartPanel:
         self._list = StartImage(16, 16, em)
         self._hover = self._pressed = ""
         self._down = 0.0
-        self._drawn: object = None
 
     @property
     def places(self) -> dict[str, list[float]]:
@@ -35,17 +35,16 @@ class StartPanel:
         if not self.shown:
             return False
         size = self.picture.size
-        state = (size, self.page.state(), self._hover, self._down, line)
-        if state == self._drawn:
-            return False
-        self._drawn = state
-        self._list = StartImage(*size, self._em, self._down)
-        pixels = self._list.draw(self.page, self._hover, line)
-        if self._down > self._list.most_down:
-            self._down = self._list.down = self._list.most_down
+
+        def draw() -> np.ndarray:
+            self._list = StartImage(*size, self._em, self._down)
             pixels = self._list.draw(self.page, self._hover, line)
-        self.picture.show(pixels)
-        return True
+            if self._down > self._list.most_down:
+                self._down = self._list.down = self._list.most_down
+                pixels = self._list.draw(self.page, self._hover, line)
+            return pixels
+
+        return self.picture.update((size, self.page.state(), self._hover, self._down, line), draw)
 
     def key(self, event: gui.KeyEvent, shift: bool) -> None:
         """Handle a key that is pressed."""
