@@ -1,5 +1,6 @@
 """Keeps what the timeline shows up to date: the evaluation, marks and the views of the camera path."""
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.camera_path import PathEditor
 from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.marks import Marks
@@ -34,7 +35,7 @@ class QualityFigures:
         if take is not None:
             stamp = (take.root, modified(take.evaluation), modified(take.record("bake")))
         bake = self._workspace.assessment.stages.get("bake")
-        changed = bake is not None and bake.state == "stale"
+        changed = bake is not None and bake.state == State.STALE
         camera, other, audio = self.camera, player.other, player.audio
         waveform = audio.waveform if audio is not None else None  # None until it is known, too
         seen = (stamp, changed, frames, camera, other, audio, waveform is None)

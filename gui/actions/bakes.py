@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.drawing.palette import BAD, DIM, State
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.other_source import OtherSource, open_other
 from v3studio.gui.models.playback.player import PlayerPresenter
@@ -54,7 +54,7 @@ class BakeActions:
         dialogs = self._dialogs
         take, other = self._workspace.take, self._player.other
         self.look()
-        self._baked = take is not None and self._workspace.row("bake").state == "done"
+        self._baked = take is not None and self._workspace.row("bake").state == State.DONE
         self._list = dialogs.list_of(ROWS, self._select)
         self._message = dialogs.label(in_lines("", MESSAGE_LINES))
         row = dialogs.row(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.figures import QualityFigures
 from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.loop import later
@@ -70,7 +71,7 @@ class CameraActions:
     def show_errors(self, camera: str) -> None:
         """Show the camera's reprojection errors."""
         self._views.select("calibrate")
-        self._views.choose("report")
+        self._views.choose(ViewMode.REPORT)
         self._views.stage_views["calibrate"].camera = camera
 
     def uses(self) -> dict[str, str]:
@@ -145,7 +146,7 @@ def camera_facts(take: Take, evaluation: Evaluation, camera: str) -> list[tuple[
         rows.append(("matches", f"{check.fits:.0%} of {check.matches} fit"))
     if check is not None and check.mask_error is not None:
         rows.append(("mask", f"{check.mask_error:.0%} off the others' volume"))
-    measured = {what: evaluation.mean(camera, what) for what in ("trained", "decoded")}
+    measured = {what: evaluation.mean(camera, what) for what in (What.TRAINED, What.DECODED)}
     words = ", ".join(f"{MAIN.text(value)} {what}" for what, value in measured.items() if value is not None)
     rows.append((MAIN.title, words or "not evaluated"))
     return rows

@@ -23,6 +23,7 @@ from v3studio.gui.actions.search import SearchActions, opens_list
 from v3studio.gui.actions.shares import ShareActions
 from v3studio.gui.actions.start import StartScreen
 from v3studio.gui.actions.worst import WorstActions
+from v3studio.gui.drawing.compare import Mode, What
 from v3studio.gui.layout import Layout
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
@@ -108,13 +109,13 @@ class Actions:
             key.END: lambda: transport.seek(transport.last),
             key.LEFT_BRACKET: lambda: transport.jump_group(-1),
             key.RIGHT_BRACKET: lambda: transport.jump_group(1),
-            key.ONE: lambda: review.choose("footage"),
-            key.TWO: lambda: review.choose("trained"),
-            key.THREE: lambda: review.choose("decoded"),
-            key.FOUR: lambda: review.choose("other"),
-            key.S: lambda: review.choose("side by side"),
-            key.W: lambda: review.choose("wipe"),
-            key.D: lambda: review.choose("difference"),
+            key.ONE: lambda: review.choose(What.FOOTAGE),
+            key.TWO: lambda: review.choose(What.TRAINED),
+            key.THREE: lambda: review.choose(What.DECODED),
+            key.FOUR: lambda: review.choose(What.OTHER),
+            key.S: lambda: review.choose(Mode.SIDE_BY_SIDE),
+            key.W: lambda: review.choose(Mode.WIPE),
+            key.D: lambda: review.choose(Mode.DIFFERENCE),
             key.B: review.exchange,
             key.Z: player.zoom_to_performer,
             key.L: lambda: transport.set_loop(not transport.loop),
@@ -170,7 +171,7 @@ MENUS: dict[str, tuple[Item[Actions] | None, ...]] = {  # by title; None is a li
         Item("camera", "Next capture camera", lambda do: do.player.next_camera(), "C", lacks=NO_CAMERAS),
         Item("span", "Select span: from here, to here, none", lambda do: do.review.step_span(), "T"),
         None,
-        Item("scene", "Scene: splats, cameras, points", lambda do: do.review.choose("scene"), "O", needs=SPLATS),
+        Item("scene", "Scene: splats, cameras, points", lambda do: do.review.choose(Mode.SCENE), "O", needs=SPLATS),
         None,
         Item("worst", "Worst frames by camera...", lambda do: do.worst.show(), needs=TAKE, lacks=NO_FIGURES),
         Item("queue", "Queue of takes", lambda do: do.queue.show(), "Q", needs=NOTHING),

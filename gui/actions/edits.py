@@ -13,6 +13,7 @@ from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.review.numbers import TITLES, fields_of, with_numbers
+from v3studio.gui.pages.review.tools import Tool
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.form import ask_numbers
@@ -72,7 +73,7 @@ class EditActions:
     def moved(self, pointer: tuple[float, float] | None) -> None:
         """The pointer has moved: the brush follows it. `pointer`: relative to the view's size; None outside it."""
         editor = self._views.editor
-        editor.pointer = pointer if editor.tool == "brush" else None
+        editor.pointer = pointer if editor.tool == Tool.BRUSH else None
 
     def _follow_edits(self) -> None:
         now = self._views.editor.edits
@@ -84,7 +85,7 @@ class EditActions:
     def keys(self) -> dict[Any, Callable[[], object]]:
         """Key bindings while the brush is chosen."""
         key, editor = gui.KeyName, self._views.editor
-        if not self._views.edits_take or editor.tool != "brush":
+        if not self._views.edits_take or editor.tool != Tool.BRUSH:
             return {}
         smaller, larger = partial(editor.step_brush, -1), partial(editor.step_brush, 1)
         return {key.MINUS: smaller, key.PLUS: larger, key.EQUALS: larger}  # + is Shift and = on many keyboards
@@ -106,7 +107,7 @@ class EditActions:
             edits = with_numbers(editor.pending or editor.edits, kind, texts, editor.up)
             if isinstance(edits, str):
                 return edits
-            if kind == "floaters" and editor.tool == "floaters":
+            if kind == editor.tool == Tool.FLOATERS:
                 editor.pending = edits  # shown before it is removed
                 return ""
             return self._shown_here(editor.commit(edits, title.lower()))

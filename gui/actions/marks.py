@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from v3studio.gui.drawing.compare import Mode
 from v3studio.gui.models.history import Change
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.notices import Notices
@@ -92,7 +93,7 @@ def view_of(player: PlayerPresenter) -> MarkView:
         target=target,
         fov=math.degrees(orbit.fov),
         camera=player.camera,
-        wipe=player.wipe if player.camera and player.mode == "wipe" else None,
+        wipe=player.wipe if player.camera and player.mode == Mode.WIPE else None,
         whole=player.image_zoom == ImageZoom(),
     )
 
@@ -106,8 +107,8 @@ def show_view(player: PlayerPresenter, view: MarkView) -> None:
         return
     player.look_through(view.camera)
     if view.wipe is None:
-        player.choose_mode("single")
-    elif player.choose_mode("wipe"):
+        player.choose_mode(Mode.SINGLE)
+    elif player.choose_mode(Mode.WIPE):
         player.wipe = view.wipe
     if view.whole == (player.image_zoom != ImageZoom()):
         player.zoom_to_performer()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import unquote
 
-from v3studio.gui.models.folders import kind_of
+from v3studio.gui.models.folders import Kind, kind_of
 from v3studio.gui.models.loop import Signal
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
@@ -152,7 +152,7 @@ class PasteActions:
             except RuntimeError:
                 problem = f"{words}: this machine has no such user. Copy the whole path, which starts with /."
             else:
-                if path.is_dir() and kind_of(path) == "folder":
+                if path.is_dir() and kind_of(path) == Kind.FOLDER:
                     self._new_take(NewTake(footage=str(path)))
                 else:
                     self._open(str(path))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.take.exports import (
@@ -95,7 +96,7 @@ class OutputActions:
     def _stale(self) -> bool:
         """Whether the take has changed since its stream was baked."""
         workspace = self._workspace
-        return workspace.take is not None and workspace.row("bake").state == "stale"
+        return workspace.take is not None and workspace.row("bake").state == State.STALE
 
     def _ranges(self) -> dict[str, range | None]:
         """Frames that can be exported: all, the one on screen, the selected span."""
@@ -156,7 +157,7 @@ class OutputActions:
         context, take = workspace.context, workspace.take
         if take is None:
             notices.show("A report can only be written for a take, not for a stream.")
-        elif context is None or not take.report.is_file() or workspace.row("review").state != "done":
+        elif context is None or not take.report.is_file() or workspace.row("review").state != State.DONE:
             workspace.start("review")
             self._views.select("review")
         else:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from v3studio.gui.drawing.compare import What
 from v3studio.gui.layout import Layout
 from v3studio.gui.models.camera_path import PathEditor
 from v3studio.gui.models.notices import Notices
@@ -62,7 +63,7 @@ class PathActions:
         opened = self._player.opened
         if opened is None:
             return
-        of = next((name for name in ("decoded", "trained") if name in opened.sources), "")
+        of = next((name for name in (What.DECODED, What.TRAINED) if name in opened.sources), "")
         try:
             keys = keys_in_take(str(opened.path), of if opened.take is not None else "", Path(file), camera)
         except StudioError as error:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.drawing.palette import BAD, DIM, State
 from v3studio.gui.models.take.take_queue import TakeQueue
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.widgets.dialogs.base import Dialogs, filled, in_lines
@@ -73,21 +73,21 @@ class QueueActions:
         at = -1 if self._chosen is None else numbers.index(self._chosen)
         if self._list.selected_index != at:
             self._list.selected_index = at
-        state = "" if at < 0 else rows[at].state
+        state = None if at < 0 else rows[at].state
         may = {
             "add_open": self._open_take is not None,
-            "up": state == "waiting",
-            "down": state == "waiting",
-            "remove": state != "" and not (state == "running" and queue.running),
-            "retry": state in ("done", "failed"),
-            "start": not queue.running and any(row.state in ("waiting", "running") for row in rows),
+            "up": state == State.WAITING,
+            "down": state == State.WAITING,
+            "remove": state is not None and not (state == State.RUNNING and queue.running),
+            "retry": state in (State.DONE, State.FAILED),
+            "start": not queue.running and any(row.state in (State.WAITING, State.RUNNING) for row in rows),
             "stop": queue.running,
         }
         for key, enabled in may.items():
             dialogs.widgets[key].enabled = enabled
         self._words.text = queue.words.splitlines()[0] if rows or queue.view.error else " "
         self._words.text_color = color(BAD if queue.view.error else DIM)
-        self._message.text = in_lines(queue.message or (rows[at].words if state == "failed" else ""), MESSAGE_LINES)
+        self._message.text = in_lines(queue.message or (rows[at].words if state == State.FAILED else ""), MESSAGE_LINES)
         self._message.text_color = color(BAD)
 
     def _select(self, _label: str, twice: bool) -> None:

@@ -418,5 +418,7 @@ class PlayerPresenter(Viewpoint):
         if self.audio is not None:
             self.transport.follow(None)
             self.audio.close()
-        for source in (*([self.opened] if self.opened is not None else []), *others):
-            source.close()
+        if self.opened is not None:
+            self.opened.close()
+        for other in others:
+            other.close()
