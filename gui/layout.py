@@ -1,4 +1,4 @@
-"""Where the panels of the window are. In a narrow window rows wrap and the right panel is hidden."""
+"""The places of the window's panels. In a narrow window rows wrap and the right panel is hidden."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies over the panels, kept up to date: the start page, the message over the view and the notice."""
+"""The overlays on the panels, kept up to date: the start page, the message over the view and the notice."""
 
 from v3studio.gui.drawing.canvas import shortened
 from v3studio.gui.drawing.palette import TEXT

@@ -1,4 +1,4 @@
-"""What the window shows, as plain values, for tests and bug reports. Functions return parts of a line of `--log-state`.
+"""The window's state as plain values, for tests and bug reports. Functions return parts of a line of `--log-state`.
 
 Places of what is drawn in an image are the middle of it, 0 to 1 across and down its widget, by name.
 """
@@ -62,7 +62,7 @@ def playback_state(player: PlayerPresenter, views: StageViews) -> JsonObject:
 
 
 def output_state(exports: Exports, serving: Serving, notices: Notices) -> JsonObject:
-    """What is written and served, and what is reported."""
+    """The export, the server, the notice, and the camera path."""
     return {
         "exporting": exports.words,
         "serving": serving.address,
@@ -72,7 +72,7 @@ def output_state(exports: Exports, serving: Serving, notices: Notices) -> JsonOb
 
 
 def panel_state(window: gui.Window, panels: Panels, layout: Layout, views: StageViews, dialogs: Dialogs) -> JsonObject:
-    """Where widgets are, and what they show."""
+    """The places of widgets, and what they show."""
     start, timeline = panels.start, panels.timeline
     widgets = {
         name: widget

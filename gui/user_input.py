@@ -178,7 +178,7 @@ class UserInput:
                 self._changed()  # a tooltip has the size of the one before it until the second draw
 
     def _in_view(self, pointer: tuple[int, int] | None) -> tuple[float, float] | None:
-        """Where the pointer is over the view, relative to its width and height; None elsewhere."""
+        """The place of the pointer over the view, relative to its width and height; None elsewhere."""
         panels, view = self._panels, self._panels.viewport.picture.widget
         if pointer is None or self._dialogs.name or panels.start.shown or not holds(view, *pointer):
             return None

@@ -1,1 +1,1 @@
-"""What menus, keys and buttons do."""
+"""The actions of menus, keys and buttons."""

@@ -1,4 +1,4 @@
-"""What a click on a camera does, its menu, and what cameras are used for."""
+"""Cameras: clicks on them, their menu, and what they are used for."""
 
 from collections.abc import Callable, Mapping
 from functools import partial

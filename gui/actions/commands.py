@@ -137,7 +137,7 @@ class Actions:
 
 
 Lack = tuple[Callable[[Actions], object], str]
-"""What a command needs, and what is said if it is not there."""
+"""A condition of a command, and the sentence that is said if it is not met."""
 
 NO_UNDO: Lack = (lambda do: do.workspace.history.made, "Nothing to undo.")
 NO_REDO: Lack = (lambda do: do.workspace.history.undone, "Nothing to redo.")

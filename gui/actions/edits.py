@@ -1,4 +1,4 @@
-"""What the buttons of the edits do that need a dialog, and what follows a change."""
+"""Edits: the dialogs of their buttons, and what follows a change."""
 
 from collections.abc import Callable
 from functools import partial
@@ -33,7 +33,7 @@ Removal = tuple[Take, EditList, dict[str, EditList]]
 """The take, its edits without a removal, and with it by the words of a choice."""
 
 _NUMBERS_OF = {"origin": "world", "up": "world", "scale": "world", "detail": "details"}
-"""What *Numbers* sets while a tool is chosen, a key of `TITLES`, where the tool has another name."""
+"""Keys of `TITLES` that *Numbers* sets while a tool of another name is chosen."""
 
 
 class EditActions:

@@ -1,4 +1,4 @@
-"""What the menu Help and the buttons `?` do."""
+"""The menu Help and the buttons `?`."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""What the menu Mark and its keys do."""
+"""The menu Mark and its keys."""
 
 import math
 from functools import partial

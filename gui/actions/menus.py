@@ -14,7 +14,7 @@ Acting = TypeVar("Acting")
 
 
 class Needs(Enum):
-    """What must be open for a command; only those that need nothing act while the start page covers it."""
+    """The kinds of what must be open for a command; only those that need nothing act while the start page covers it."""
 
     NOTHING = auto()
     STREAM = auto()  # a take or a stream
@@ -64,8 +64,8 @@ def boxes(menus: Menus, em: float) -> list[tuple[float, float]]:
 
 
 def places(menus: Menus, em: float) -> dict[str, tuple[float, float]]:
-    """Where the titles and the open menu's items are, by title or key: pixels right of and below the upper left corner
-    of the window's content; `em` is the font size."""
+    """Places of the titles and of the open menu's items, by title or key: pixels right of and below the upper left
+    corner of the window's content; `em` is the font size."""
     where: dict[str, tuple[float, float]] = {}
     for (title, entries), left, right in zip(menus.items(), (0.0, *TITLE_ENDS), TITLE_ENDS, strict=False):
         across, down = (left + right) / 2 * em, FIRST * em

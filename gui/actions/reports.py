@@ -1,4 +1,4 @@
-"""What models report of their own accord: a run that is refused, an export that has ended, marks that have changed."""
+"""Reports that models make on their own: a run that is refused, an export that has ended, marks that have changed."""
 
 from collections.abc import Callable
 from functools import partial

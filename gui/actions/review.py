@@ -1,4 +1,4 @@
-"""What the view shows."""
+"""The choice of what the view shows."""
 
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter

@@ -1,4 +1,4 @@
-"""What panels and dialogs request about settings: choosing a file, applying the fix of a warning, showing one."""
+"""Requests of panels and dialogs about settings: choosing a file, applying the fix of a warning, showing one."""
 
 from functools import partial
 

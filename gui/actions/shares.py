@@ -1,4 +1,4 @@
-"""What the menu Share does, and its dialogs."""
+"""The menu Share and its dialogs."""
 
 from copy import copy
 from pathlib import Path

@@ -17,7 +17,7 @@ class Areas(Generic[T]):
         self.all.append((box, what))
 
     def at(self, x: float, y: float) -> T | None:
-        """What is at a position; None if nothing is."""
+        """The value at a position; None if there is none."""
         for (left, top, width, height), what in reversed(self.all):
             if left <= x < left + width and top <= y < top + height:
                 return what

@@ -26,7 +26,7 @@ ALONE = (Mode.SINGLE, Mode.SCENE)  # modes that compare nothing
 
 
 class What(StrEnum):
-    """What Review shows; the name of the frames' source, except for footage."""
+    """The images of Review; each is the name of the frames' source, except for footage."""
 
     FOOTAGE = "footage"
     TRAINED = "trained"

@@ -76,11 +76,11 @@ class Evaluation:
 
     @property
     def kind(self) -> str:
-        """What the measured cameras are: "held-out" or "training"."""
+        """The kind of the measured cameras: "held-out" or "training"."""
         return "held-out" if self.held_out else "training"
 
     def whose(self, camera: str, briefly: bool = False) -> str:
-        """What figures refer to, for a title: "camera cam05" if it was evaluated, else "mean of held-out cameras";
+        """Words for what figures refer to: "camera cam05" if it was evaluated, else "mean of held-out cameras";
         "mean" if nothing was evaluated. In few words: "cam05" or "held-out mean"."""
         of_camera = camera in self.cameras
         if of_camera:
@@ -93,7 +93,7 @@ class Evaluation:
 
     @property
     def explanation(self) -> str:
-        """What the plots above the timeline show; "" if nothing was evaluated."""
+        """An explanation of the plots above the timeline; "" if nothing was evaluated."""
         if not self.frames:
             return ""
         return (

@@ -12,7 +12,7 @@ MOST_ENTRIES = 1000  # longer lists are truncated; any path can be typed
 
 
 class Kind(StrEnum):
-    """What a path is, or what is wanted: `TAKE` is then the folder of a take or of a stream."""
+    """The kind of a path, or of what is wanted: `TAKE` is then the folder of a take or of a stream."""
 
     FOLDER = "folder"
     TAKE = "take"
@@ -106,7 +106,7 @@ class FolderList:
 
 
 def kind_of(folder: Path) -> Kind:
-    """What a folder is."""
+    """The kind of a folder."""
     if (folder / "take.json").is_file():
         return Kind.TAKE
     return Kind.STREAM if (folder / "manifest.json").is_file() else Kind.FOLDER

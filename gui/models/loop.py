@@ -1,4 +1,4 @@
-"""What happens on the window's thread: callbacks that other threads post, timers, and signals by which models notify.
+"""The window's thread: callbacks that other threads post, timers, and signals by which models notify.
 
 A model changes only on this thread. A worker's result, or a line of a child process, is posted; the model takes it in
 and emits a signal; widgets and actions that show the model are connected to that signal.

@@ -102,7 +102,7 @@ class Notices:
 
     @property
     def card(self) -> Notice | None:
-        """What is shown over the view, with buttons; None if nothing is."""
+        """The notice that is shown over the view, with buttons; None if there is none."""
         return next(reversed(self._cards), None)
 
     @property
@@ -112,7 +112,7 @@ class Notices:
 
     @property
     def line(self) -> str:
-        """What is shown in the status line; "" if nothing is."""
+        """The remark in the status line; "" if there is none."""
         return next((notice.line for notice in self._shown if not notice.bad and notice.path is None), "")
 
     @property

@@ -25,7 +25,7 @@ def preferences_path() -> Path:
 
 @dataclass
 class Preferences:
-    """What the window remembers for its user."""
+    """The memory of the window for its user."""
 
     picture_size: str = "960 x 540"  # maximum resolution at which splats are rendered, a key of `PICTURE_SIZES`
     background: str = "dark"

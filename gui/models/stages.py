@@ -1,4 +1,4 @@
-"""What the window uses of the pipeline's stages. Nothing else in `gui` imports them."""
+"""The parts of the pipeline's stages that the window uses. Nothing else in `gui` imports them."""
 
 from v3studio.pipelines.stages import STAGES
 from v3studio.pipelines.stages.baking.plan import Part

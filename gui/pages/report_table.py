@@ -12,7 +12,7 @@ CAMERA = "camera"  # title of the column of names
 
 @dataclass(frozen=True)
 class Sorting:
-    """What a table is sorted by. `column`: title of a column; "" for held-out cameras first."""
+    """The order of a table. `column`: title of a column; "" for held-out cameras first."""
 
     column: str = ""
     descending: bool = False

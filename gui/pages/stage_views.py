@@ -241,7 +241,7 @@ class StageViews:
 
     @property
     def _wanted(self) -> object:
-        """What the chosen image is an image of."""
+        """The subject of the chosen image."""
         return self.player.label if self.shows_player else (self.row, self.stage_view and self.stage_view.mode)
 
     def _poll(self, size: tuple[int, int], render_size: tuple[int, int], em: float) -> np.ndarray | None:
@@ -296,7 +296,7 @@ class StageViews:
 
     @property
     def on_screen(self) -> StageView | PlayerPresenter:
-        """What the viewport shows, and what drags and the wheel are for."""
+        """The view in the viewport, which drags and the wheel are for."""
         return self.stage_view or self.player
 
     def reset(self) -> None:

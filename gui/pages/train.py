@@ -45,7 +45,7 @@ class TrainView(StageView):
 
     @property
     def nothing(self) -> str:
-        """What is said instead of curves where there are none."""
+        """The words instead of curves where there are none."""
         status = self.workspace.assessment.stages.get("train")
         return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
 

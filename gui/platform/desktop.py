@@ -1,4 +1,4 @@
-"""What the desktop does for the window: showing a folder in the file manager, and a page in the browser."""
+"""Services of the desktop: showing a folder in the file manager, and a page in the browser."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""What the toolkit does not offer on X: a least size of the window, whether a mouse button is pressed, the screen."""
+"""Functions of X that the toolkit lacks: a least size of the window, whether a mouse button is pressed, the screen."""
 
 import ctypes
 import os

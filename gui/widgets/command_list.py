@@ -43,7 +43,7 @@ def search(commands: Sequence[Command], typed: str) -> list[Command]:
 
 @dataclass(frozen=True)
 class CommandList:
-    """What is found, which one is selected (`at`), and which rows are in the image, from `first`."""
+    """The commands that are found, which one is selected (`at`), and which rows are in the image, from `first`."""
 
     found: Sequence[Command]
     at: int = 0

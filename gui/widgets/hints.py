@@ -1,4 +1,4 @@
-"""What buttons do, shown where there is room beside them: the toolkit's own tooltips cover their neighbors."""
+"""Hints on buttons, shown where there is room beside them: the toolkit's own tooltips cover their neighbors."""
 
 import time
 from collections.abc import Iterable

@@ -31,7 +31,7 @@ FILTER = "Show settings whose name, heading or documentation contains all of the
 
 @dataclass(frozen=True)
 class SettingActions:
-    """What the panel asks for. `estimate`: measures the presets."""
+    """The requests of the panel. `estimate`: measures the presets."""
 
     set_value: Callable[[SettingField, str], None]
     reset: Callable[[list[str]], None]
@@ -89,7 +89,7 @@ class SettingsList:
 
     @property
     def widgets(self) -> dict[str, gui.Widget]:
-        """What can be pressed besides the fields, by name."""
+        """The widgets besides the fields that can be pressed, by name."""
         heads = {"preset": self.preset, "estimate": self.estimate} if self._has_presets else {}
         widgets = {**heads, "all settings": self.all, "reset settings": self.reset_all}
         for name, (_, editor, _, reset) in self._rows.items():

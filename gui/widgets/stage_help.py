@@ -1,4 +1,4 @@
-"""What to look for in each stage: a few sentences, and images of a good and a bad result.
+"""The help on each stage, what to look for: a few sentences, and images of a good and a bad result.
 
 `scripts/help_pictures.py` makes the images from runs of the sample capture, the bad ones with wrong settings.
 """

@@ -175,7 +175,7 @@ class StagesPanel:
 
     @property
     def _circumstances(self) -> object:
-        """What the error on screen is true of: the settings, and whether a run is in progress."""
+        """The circumstances in which the error on screen is true: the settings, and whether a run is in progress."""
         return self._workspace.context, self._workspace.busy
 
     @property

@@ -42,7 +42,7 @@ ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
 FPS = 12.0
 GROUPS = ((0, 8), (8, 4))  # first frame, frames
 SIZE = "1024x800"
-"""Of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
+"""Size of the window, as small as all dialogs allow: a software renderer takes time for each pixel."""
 
 EM = 16
 """Font size of the window on the private X server, pixels."""
@@ -152,7 +152,7 @@ def display() -> Iterator[str]:
 State = dict[str, Any]
 Place = tuple[float, float]
 Until = tuple[str, Callable[[State], bool]]
-"""What to wait for after an action, as `RunningWindow.wait_for` takes it."""
+"""A state to wait for after an action, as `RunningWindow.wait_for` takes it."""
 
 
 def ready(state: State) -> bool:
@@ -303,7 +303,7 @@ class RunningWindow:
         return float((left + (frame + 0.5) / state["frames"] * width) / state["widgets"]["timeline"][2])
 
     def on_timeline(self, frame: int, what: str = "plots") -> Place:
-        """Where a frame is on the timeline: over its "images", which select a span, or its "plots"."""
+        """The place of a frame on the timeline: over its "images", which select a span, or its "plots"."""
         return self.across_frame(frame), self.part("timeline", what)[1]
 
     def select_span(self, first: int, last: int) -> State:
@@ -324,7 +324,7 @@ class RunningWindow:
         return "start page" if self.states() and self.states()[-1]["start"] else "stages"
 
     def part(self, widget: str, name: str) -> Place:
-        """Where something is in a widget that is an image, 0 to 1 on both axes."""
+        """The place of something in a widget that is an image, 0 to 1 on both axes."""
         state = self.wait_for(f"{name} in {widget}", lambda s: name in s["parts"].get(widget, {}))
         across, down = state["parts"][widget][name]
         return across, down

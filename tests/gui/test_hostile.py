@@ -26,7 +26,7 @@ REPORTED = {
     "evaluation": "",
     "whole": "",
 }
-"""What the window reports of each."""
+"""The words by which the window reports each."""
 
 STREAMS = ("newer", "half", "whole")
 NOT_OPENED = ("newer", "half", "no take", "format")

@@ -67,7 +67,7 @@ class DrivenWindow(window.MainWindow):
             with RESULTS.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             if dialog:
-                self.dialogs.escape()
+                self.dialogs.on_escape()
                 yield
 
 

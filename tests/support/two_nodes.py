@@ -119,7 +119,7 @@ class TwoNodes:
 
 
 STARTS = 4
-"""Of the cluster, at most. A raylet ends if its agent does not start within 15 seconds, a constant of Ray; on a machine
+"""Most starts of the cluster. A raylet ends if its agent does not start within 15 seconds, a constant of Ray; on a machine
 with many busy processes the first start, which reads all files from the disk, may take longer."""
 
 

@@ -35,7 +35,7 @@ DrawFn = Callable[[Gaussians, Camera, Color], np.ndarray]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RenderRequest(SceneRequest):
-    """What to render."""
+    """An image to render."""
 
     sources: dict[str, FrameSource]
     mode: Mode
@@ -66,11 +66,11 @@ class RenderRequest(SceneRequest):
 
     @property
     def label(self) -> tuple[object, ...]:
-        """What it is an image of, apart from frame and view: images with different labels must not be confused."""
+        """The subject of the image, apart from frame and view: images with different labels must not be confused."""
         return (self.mode, self.names, self.camera, *(id(self.sources.get(name)) for name in self.names))
 
     def shown(self, name: str) -> str:
-        """What an image is called on screen."""
+        """The name of an image on screen."""
         source = self.sources.get(name)
         return source.label if isinstance(source, OtherSource) else name
 

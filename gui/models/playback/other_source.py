@@ -18,7 +18,7 @@ MOST_BESIDE = 4  # images side by side
 
 
 def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
-    """What side by side shows, of the sources that there are. `camera`: the capture camera; "" for the free view."""
+    """The images side by side, of the sources that there are. `camera`: the capture camera; "" for the free view."""
     others = tuple(name for name in OTHERS if name in names)
     own = tuple(name for name in (What.TRAINED, What.DECODED) if name in names)
     if others and (not camera or len(others) > 1):

@@ -284,7 +284,7 @@ class PlayerPresenter(Viewpoint):
         return picture
 
     def _request(self) -> RenderRequest | None:
-        """What is wanted now; None if there is nothing to show."""
+        """The image that is wanted now; None if there is nothing to show."""
         opened, frame = self.opened, self.transport.frame
         if opened is None or self.source is None:
             return None
@@ -323,7 +323,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def label(self) -> object:
-        """What the wanted image is an image of, apart from frame and view; None if there is nothing to show."""
+        """The subject of the wanted image, apart from frame and view; None if there is nothing to show."""
         request = self._request()
         return request.label if request is not None else None
 

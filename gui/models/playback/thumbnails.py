@@ -28,7 +28,7 @@ class _Request:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What it is an image of, apart from `contents`."""
+        """The subject of the image, apart from `contents`."""
         camera = self.camera
         view = (camera.K.tobytes(), camera.world_to_camera.tobytes(), camera.width, camera.height)
         return (str(self.place), *view, self.frame, self.size)

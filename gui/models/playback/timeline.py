@@ -41,7 +41,7 @@ class TimelineZoom:
         return TimelineZoom(self.first + frames, self.shown).within(frame_count)
 
     def following(self, frame: int, frame_count: int) -> TimelineZoom:
-        """What is shown while a frame is played: the next page, if the frame is not in view."""
+        """The part that is shown while a frame is played: the next page, if the frame is not in view."""
         shown = self.count(frame_count)
         if self.first <= frame and frame + 1 <= self.first + shown:
             return self

@@ -101,7 +101,7 @@ class Viewpoint:
 
     @property
     def reference(self) -> str:
-        """What a comparison compares with: another open bake or take, footage in a camera's view, the other source."""
+        """The other side of a comparison: another open bake or take, footage in a camera's view, the other source."""
         default = self.opened.default if self.opened is not None else None
         if self.others:
             return What.OTHER if self.what != What.OTHER or default is None else default.name

@@ -1,4 +1,4 @@
-"""What the scene shows besides splats: cameras, points, mesh, grid, axes, and the box around the visual hull."""
+"""The contents of the scene besides splats: cameras, points, mesh, grid, axes, and the box around the visual hull."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ NEAR = 1e-3  # least depth that is drawn, world units
 
 
 FRAGMENT = np.dtype([("pixel", np.int64), ("depth", float), ("cover", float), ("color", np.uint8, 3)], align=True)
-"""What covers a pixel, row * width + column, at a depth in world units. Fragments are in any order; pixels repeat."""
+"""A cover of a pixel, row * width + column, at a depth in world units. Fragments are in any order; pixels repeat."""
 
 
 def fragments(pixel: np.ndarray, depth: np.ndarray, cover: np.ndarray | float, color: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ class SceneReader:
         self._context: object = None
 
     def read(self, wanted: SceneRequest) -> SceneContents:
-        """What to show beside the splats. Raises StudioError: a damaged file."""
+        """The contents beside the splats. Raises StudioError: a damaged file."""
         edits = EditList()
         points: Points = np.zeros((0, 3)), np.zeros((0, 3))
         sparse, words = points, list[str]()

@@ -58,7 +58,7 @@ def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
 
 
 def _about(line: LogLine) -> tuple[object, ...]:
-    """What a warning about a camera has in common with the same about another one; () for other lines. Only a name in
+    """The parts that a warning about a camera shares with that about another one; () for other lines. Only a name in
     quotes is taken out: bare, that of camera 12 would also be the figure in "by 12%"."""
     notice = line.notice
     if line.level != Level.WARNING or notice is None or not notice.code or not notice.fields.get("camera"):

@@ -24,7 +24,7 @@ class Serving(Commands):
 
     @property
     def words(self) -> str:
-        """What the status line says; "" if nothing is served."""
+        """The words in the status line; "" if nothing is served."""
         return f"serving at {self.address}" if self.address else "serving: starting" if self.running else ""
 
     def start(self, source: str, https: bool) -> None:

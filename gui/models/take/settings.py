@@ -41,7 +41,7 @@ class FieldKind(StrEnum):
 
 
 class ListKind(StrEnum):
-    """What a setting lists; it is shown without brackets."""
+    """The kind of list that a setting is; it is shown without brackets."""
 
     NONE = ""  # it is no list
     LIST = "list"

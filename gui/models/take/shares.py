@@ -97,7 +97,7 @@ class ShareRequest(NamedTarget):
 
 
 def share_words(size: ShareSize, form: str) -> str:
-    """What a share takes, as a sentence; `form` is of `FORMS`, or "serve"."""
+    """The size of a share, as a sentence; `form` is of `FORMS`, or "serve"."""
     parts = f"{counted(size.frames, 'frame')}, {size.seconds:.1f} s: stream {size_words(size.stream_bytes)}"
     if form == "single-file":
         if not size.single_file_possible:
@@ -109,7 +109,7 @@ def share_words(size: ShareSize, form: str) -> str:
 
 
 def stale_words(bake: StageStatus | None, checked: bool, unreadable: bool) -> str:
-    """What to tell of a take's stream that is shared; "" if it is up to date."""
+    """A warning about a take's stream that is shared; "" if it is up to date."""
     if unreadable:
         return "Whether the stream is up to date is not known: the take's settings or its status cannot be read."
     if not checked:

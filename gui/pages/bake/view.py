@@ -24,7 +24,7 @@ _ATTRIBUTES = dict(components(sh_degree=3))
 
 
 def plane_label(component: str, part: str) -> str:
-    """What the bytes of a plane are for; `part`: as in the manifest."""
+    """The purpose of the bytes of a plane; `part`: as in the manifest."""
     attribute = _ATTRIBUTES[component]
     if attribute.bits == 8:
         return attribute.label
@@ -32,7 +32,7 @@ def plane_label(component: str, part: str) -> str:
 
 
 def rest_words(sound: bool) -> str:
-    """What a stream has besides its groups; `sound`: whether it has sound."""
+    """The parts of a stream besides its groups; `sound`: whether it has sound."""
     return "manifest and sound" if sound else "manifest"
 
 

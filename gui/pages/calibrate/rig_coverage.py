@@ -71,7 +71,7 @@ class RigCoverage:
 
     @property
     def legend(self) -> tuple[tuple[str, RGB], ...]:
-        """What the colors mean."""
+        """The meaning of the colors."""
         good, fair = f"{self.range.angle:.0f}", f"{self.range.angle + FADE:.0f}"
         words = (
             f"up to {good} degrees from a training camera",

@@ -123,7 +123,7 @@ class CalibrateView(OrbitView):
         self._read_of = stamp
 
     def _covered_by(self) -> Hashable:
-        """What the coverage depends on besides the rig."""
+        """Everything besides the rig that the coverage depends on."""
         take, config = self.workspace.take, self.workspace.config
         if take is None or config is None:
             return None

@@ -203,7 +203,7 @@ class _Reduced:
         return self._kept.get_or_make(key, lambda _: (1 / (1 + np.exp(-source.evidence(camera, frame))),))[0]
 
     def own_share(self, camera: str, frame: int) -> str:
-        """What to add to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
+        """An addition to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
         if not isinstance(self.footage.mask_source, AgreedMaskSource):
             return ""
         own = self.evidence(camera, frame) > 0.5

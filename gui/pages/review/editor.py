@@ -26,7 +26,7 @@ from v3studio.studio.errors import StudioError
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What drawing a frame has shown about its splats: (M, 3) places of those that are seen, world; numbers of the
+    """Facts about a frame's splats from drawing it: (M, 3) places of those that are seen, world; numbers of the
     group's splats that the edits remove, that are selected, and that a selection would bring back; limits to propose
     for floaters, None with other tools."""
 

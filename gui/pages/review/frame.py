@@ -52,7 +52,7 @@ class EditedFrame:
             self._frame_of = (key, index)
 
     def selection(self, edits: EditList) -> Selection:
-        """What edits of the take remove of the group."""
+        """The splats that edits of the take remove of the group."""
         edits = edits_of_group(edits, self.group)
         return self._selections.get_or_make(edits, lambda wanted: select(wanted, self.paths))
 

@@ -1,4 +1,4 @@
-"""What can be dragged with each tool, and what a drag changes; details, balls that training gives more splats."""
+"""Handles to drag with each tool, and what a drag changes; details, balls that training gives more splats."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from v3studio.studio.cameras import Camera
 from v3studio.studio.edits.edit_list import DETAIL_WEIGHT, DetailMark, EditList
 
 DRAGGED = {Tool.CROP: "crop box", Tool.GROUND: "ground plane", Tool.DETAIL: "size of a detail"}
-"""What a drag with a tool changes."""
+"""The object that a drag with a tool changes."""
 
 SIZE = 0.1  # radius of a new ball, relative to the performer's largest extent: a little more than a head's
 _DEEP = 0.6  # how far behind the clicked point the middle of a ball is, in radii

@@ -32,7 +32,7 @@ MANY = 3000  # selected splats from which on their dots are small
 
 @dataclass(frozen=True)
 class Shown:
-    """What the image of an edited frame depends on, besides its size."""
+    """Everything that the image of an edited frame depends on, besides its size."""
 
     frame: int
     view: tuple[float, ...]

@@ -64,15 +64,15 @@ FLOATERS = (Floaters(opacity=0.02, share=0.005), Floaters(opacity=0.05, share=0.
 
 @dataclass(frozen=True)
 class Stroke:
-    """What is being drawn, in pixels of the image. `points`: (x, y). `radius`: of the brush; None: a lasso."""
+    """A line that is being drawn, in pixels of the image. `points`: (x, y). `radius`: of the brush; None: a lasso."""
 
     points: tuple[tuple[float, float], ...]
     radius: float | None
 
 
 def hint(tool: Tool, selected: int | None, back: int, floaters: Floaters | None, in_use: bool) -> str:
-    """What to do next, over the image; "" if there is nothing to say. Numbers of splats in the group: `selected`, None
-    if nothing was tried; `back`: no longer removed. `in_use`: these limits are among the take's edits already."""
+    """The next step, in words; "" if there is nothing to say. Numbers of splats in the group: `selected`, None if
+    nothing was tried; `back`: no longer removed. `in_use`: these limits are among the take's edits already."""
     words = tool.hint
     if selected is None:
         return words

@@ -104,7 +104,7 @@ class EditView(StageView):
             self.editor.pick(point, self._camera.center)
 
     def handles(self, edits: EditList) -> list[Handle]:
-        """What can be dragged with the current tool, of these edits."""
+        """The handles of these edits for the current tool."""
         editor = self.editor
         number = editor.numbers.number(self.frame)
         return tool_handles(editor.tool, edits, self._camera, editor.measured.seen, number, editor.up)

@@ -29,7 +29,7 @@ of its stream makes a new image."""
 
 
 class CardKind(StrEnum):
-    """What a recent place is."""
+    """The kind of a recent place."""
 
     TAKE = "take"
     STREAM = "stream"

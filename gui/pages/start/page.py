@@ -36,7 +36,7 @@ def _look(request: _Request) -> _Facts:
 
 
 class StartPage:
-    """What the start page shows. Call `look` now and then while it is on screen; it does not block.
+    """The contents of the start page. Call `look` now and then while it is on screen; it does not block.
 
     Signals:
         changed: a card, an image or the queue has changed.
@@ -86,7 +86,7 @@ class StartPage:
         self.look(self.places)
 
     def _next(self) -> _Request | None:
-        """What to read next: cards that are not known, then images, then cards that may have changed."""
+        """The next thing to read: cards that are not known, then images, then cards that may have changed."""
         now = time.monotonic()
         for place in self.places:
             if place not in self.cards:

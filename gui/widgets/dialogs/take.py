@@ -253,7 +253,7 @@ class NewTakeDialog:
 
 
 def words_beside(facts: Found) -> str:
-    """What is known about footage besides the choices, which the image and the fields show and may change."""
+    """The facts about footage besides the choices, which the image and the fields show and may change."""
     return " ".join(line for line in facts.words.splitlines() if line not in facts.inspection.choices)
 
 

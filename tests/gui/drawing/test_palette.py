@@ -25,7 +25,7 @@ PAIRS = (
     (palette.TEXT, palette.BLACK),
     *((palette.GROUND, axis) for axis in palette.AXES),
 )
-"""What text is drawn in, and on."""
+"""Colors of text, and of what it is drawn on."""
 
 
 @pytest.mark.parametrize(("text", "ground"), PAIRS, ids=lambda pair: "")

@@ -33,7 +33,7 @@ def views(views: StageViews, take_copy: Path) -> StageViews:
 
 
 def picture(views: StageViews) -> np.ndarray:
-    """What Capture shows now."""
+    """The image that Capture shows now."""
     capture = views.capture
     capture.em = 16
     return capture.draw(SIZE, capture.state())
