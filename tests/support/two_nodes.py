@@ -119,8 +119,8 @@ class TwoNodes:
 
 
 STARTS = 4
-"""Most starts of the cluster. A raylet ends if its agent does not start within 15 seconds, a constant of Ray; on a machine
-with many busy processes the first start, which reads all files from the disk, may take longer."""
+"""Most starts of the cluster. A raylet ends if its agent does not start within 15 seconds, a constant of Ray; on a
+machine with many busy processes the first start, which reads all files from the disk, may take longer."""
 
 
 @contextmanager
