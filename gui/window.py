@@ -96,9 +96,8 @@ class MainWindow:
         self._x.set_least_size(*(min(round(a * self.em), b) for a, b in zip(LEAST_SIZE, size, strict=True)))
         self._input, self._chords, self._clipboard = InputOrder(self._x.window), Chords(), Clipboard()
         self.close_requests = CloseRequests(lambda: self._x.escape_down or self._input.reports.escaping)
-        self.dialogs = Dialogs(self.window, titles)
+        self.dialogs = Dialogs(self.window, titles, self.preferences)
         self._input.pressed = self.dialogs.pressed
-        self.dialogs.last_folder = self.preferences.folder
         self._pace = Pace(software, self._input, self.player, self.workspace, self.dialogs)
         self.changed = self._pace.changed
         self._make_panels()
@@ -222,7 +221,6 @@ class MainWindow:
             ),
             notices=notices,
         )  # fmt: skip
-        dialogs.remembered = self.actions.preferences.keep_folder
         queue.watched = lambda: self._screen.shown or self.actions.queue.shown
         panels.timeline.moved_key = self.actions.path.move_frame
 
@@ -288,7 +286,7 @@ class MainWindow:
         """The edge of the left panel is dragged to a column; the width is kept for next time."""
         self.layout.widen(x)
         if ended:
-            self.actions.preferences.keep_width(self.layout.left)
+            self.preferences.keep(panel_width=round(self.layout.left, 2))
 
     # For the program that runs the window
 

@@ -23,19 +23,9 @@ class PreferenceActions:
         form.switch("play_on_opening", "Autoplay")
 
         def save() -> None:
-            self._preferences.take_from(chosen)
+            saved = self._preferences.keep(**vars(chosen))
             self._apply()
             words = "Preferences could not be saved; they apply until the window is closed."
-            self._notices.outcome("preferences", "" if self._preferences.save() else words)
+            self._notices.outcome("preferences", "" if saved else words)
 
         form.show("preferences", "Preferences", [form.grid], ("save", "Save", self._dialogs.closing(save)), 60)
-
-    def keep_folder(self, folder: str) -> None:
-        """Remember the folder in which something was chosen."""
-        self._preferences.folder = folder
-        self._preferences.save()
-
-    def keep_width(self, width: float) -> None:
-        """Remember the width of the left panel, em."""
-        self._preferences.panel_width = round(width, 2)
-        self._preferences.save()

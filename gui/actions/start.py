@@ -1,6 +1,7 @@
 """The start page: when it is on screen, and what its parts do."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 from v3studio.gui.layout import Layout
 from v3studio.gui.models.loop import LOOP
@@ -72,8 +73,8 @@ class StartScreen:
         actions: dict[str, Callable[[], object]] = {
             "back": self.hide,
             "card": lambda: self._open_card(int(number)),
-            "remove": lambda: self._remove_card(int(number)),
-            "forget": self._forget_missing,
+            "remove": lambda: self._keep(lambda place: place not in self._page.places[int(number) :][:1]),
+            "forget": lambda: self._keep(lambda place: "://" in place or Path(place).exists()),
             "start": self._page.queue.start,
             "stop": self._page.queue.stop,
             "sample": self._open_sample,
@@ -81,14 +82,9 @@ class StartScreen:
         actions.get(kind, lambda: self._command(kind))()
         self._timer.soon()
 
-    def _remove_card(self, number: int) -> None:
-        if number < len(self._page.places):
-            self._preferences.forget(self._page.places[number])
-            self._preferences.save()
-
-    def _forget_missing(self) -> None:
-        self._preferences.recent = self._preferences.recent_there()
-        self._preferences.save()
+    def _keep(self, wanted: Callable[[str], bool]) -> None:
+        """Keep the cards of the places that are wanted."""
+        self._preferences.keep(recent=list(filter(wanted, self._preferences.recent)))
 
     def _open_card(self, number: int) -> None:
         if number >= len(self._page.places):

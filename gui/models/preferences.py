@@ -7,6 +7,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 from v3studio.studio.atomic_files import write_text
 from v3studio.studio.bounded_files import parse_json
@@ -58,17 +59,11 @@ class Preferences:
             return False
         return True
 
-    def take_from(self, chosen: Preferences) -> None:
-        """Become equal to other preferences."""
-        vars(self).update(vars(chosen))
+    def keep(self, **values: Any) -> bool:
+        """Set attributes, and save the preferences as `save`."""
+        vars(self).update(values)
+        return self.save()
 
     def opened(self, name: str) -> None:
         """Move a folder or URL to the front of the recent list."""
         self.recent = [name, *(other for other in self.recent if other != name)][:RECENT]
-
-    def recent_there(self) -> list[str]:
-        """Recent folders and files that still exist, and all URLs."""
-        return [name for name in self.recent if "://" in name or Path(name).exists()]
-
-    def forget(self, name: str) -> None:
-        self.recent = [other for other in self.recent if other != name]

@@ -9,6 +9,7 @@ from open3d.visualization import gui
 
 from v3studio.gui.drawing.palette import ACCENT_DARK, DIM
 from v3studio.gui.models.loop import LOOP
+from v3studio.gui.models.preferences import Preferences
 from v3studio.gui.platform.fonts import TEXT_SIZE, TITLE_SIZE
 from v3studio.gui.platform.keyboard import BACKSPACE, END, HOME, TAB, send_key, tap_key, type_keys
 from v3studio.gui.platform.presses import typed_code
@@ -29,10 +30,10 @@ Answer = tuple[str, str, Callable[[], None]]  # key, label, action
 
 
 class Dialogs:
-    """Shows one dialog at a time over a window, which is darker meanwhile."""
+    """Shows one dialog at a time over a window, which is darker meanwhile. `titles`: number of the font of titles."""
 
-    def __init__(self, window: gui.Window, titles: int) -> None:
-        self._window, self._titles = window, titles
+    def __init__(self, window: gui.Window, titles: int, preferences: Preferences) -> None:
+        self._window, self._titles, self.preferences = window, titles, preferences
         self.lay_out = window.set_needs_layout  # lays out the open dialog again
         self.shade = gui.Vert()  # makes the window darker; to be its last child and as large as it
         self.shade.background_color = gui.Color(0.0, 0.0, 0.0, SHADE)
@@ -45,8 +46,6 @@ class Dialogs:
         self.name = ""  # of the open dialog; "" if none is open
         self.typing = False  # whether its text field has the keyboard focus
         self.lines: list[str] = []  # what the list in it shows, where that changes on its own
-        self.last_folder = ""  # in which something was chosen last; "" if nothing was
-        self.remembered: Callable[[str], object] = lambda _folder: None  # called when that changes
         self.pictures: list[ImagePanel] = []  # in the open dialog; they are drawn exactly some draws later
         # handles keys once the text field has the focus, and returns whether it did
         self.on_key: Callable[[gui.KeyEvent], bool] | None = None
@@ -148,14 +147,9 @@ class Dialogs:
         """Make a label for the dialog being built."""
         return make_label(text, DIM) if dim else gui.Label(text)
 
-    def remember(self, folder: str) -> None:
-        """Note the folder in which something was chosen."""
-        self.last_folder = folder
-        self.remembered(folder)
-
     def usual_folder(self, *others: Path) -> Path:
         """The folder in which a dialog for a path begins: the last, the first of `others` that exists, or home."""
-        last = [Path(self.last_folder)] if self.last_folder else []
+        last = [Path(self.preferences.folder)] if self.preferences.folder else []
         return next((path for path in (*last, *others) if path.is_dir()), Path.home())
 
     def enter(self) -> None:

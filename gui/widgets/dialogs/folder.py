@@ -116,7 +116,7 @@ class _PathDialog:
         chosen = self._found.choose(path, twice)
         if chosen is not None:
             self._dialogs.close()
-            self._dialogs.remember(str(before))
+            self._dialogs.preferences.keep(folder=str(before))
             self._done(str(chosen))
         elif self._found.folder != before:
             self._fill()
