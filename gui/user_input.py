@@ -11,8 +11,6 @@ from v3studio.gui.actions.opening import PasteActions
 from v3studio.gui.actions.search import opens_list
 from v3studio.gui.layout import Panels
 from v3studio.gui.models.loop import LOOP
-from v3studio.gui.models.notices import Notices
-from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.platform.closing import CloseRequests
 from v3studio.gui.platform.input_order import InputOrder, Kind
 from v3studio.gui.platform.menu_bar import MenuBar
@@ -22,48 +20,6 @@ from v3studio.gui.widgets.picture import holds
 from v3studio.gui.widgets.settings import SettingsList
 
 
-class KeysOverPanels:
-    """Keys for what lies over the panels: the notice and the start page, and for the table in the view."""
-
-    def __init__(
-        self, panels: Panels, views: StageViews, notices: Notices, chords: Chords, pasting: PasteActions
-    ) -> None:
-        self._start, self._bar, self._views = panels.start, panels.notice_bar, views
-        self._notices, self._chords, self._pasting = notices, chords, pasting
-
-    def handle(self, event: gui.KeyEvent) -> bool:
-        """Handle a pressed key; returns whether it was for one of these."""
-        chords, key = self._chords, gui.KeyName
-        on_start, control, card = self._start.shown, chords.control, self._notices.card
-        if chords.again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
-            return on_start or event.key == key.H
-        if control and event.key == key.C and card is not None:
-            self._bar.copy()
-        elif control and event.key == key.O and card is not None:
-            self._bar.open_folder()
-        elif control and event.key == key.C and not on_start:
-            return self._copy_table()
-        elif not on_start or (control and opens_list(event, chords.shift)):
-            return False
-        elif control:
-            if event.key == key.V:
-                self._pasting.paste()
-        elif event.key in (key.H, key.Q, key.QUESTION_MARK, key.SLASH):
-            return False
-        else:
-            self._start.key(event, chords.shift)
-        return True
-
-    def _copy_table(self) -> bool:
-        """Copy the table in the view; returns whether there is one."""
-        view = self._views.stage_view
-        if view is None or not view.table_text:
-            return False
-        if self._bar.copied(view.table_text):
-            self._notices.show("Copied the table.")
-        return True
-
-
 class UserInput:
     """Passes events on to the toolkit, follows the mouse, and gives keys to the open dialog, to what lies over panels,
     or to a command. `escapes`: what Escape does while no dialog or menu is open: the first that returns True.
@@ -71,11 +27,11 @@ class UserInput:
 
     def __init__(
         self, keys: InputOrder, chords: Chords, dialogs: Dialogs, closing: CloseRequests, menu_bar: MenuBar,
-        panels: Panels, actions: Actions, over: KeysOverPanels, escapes: Sequence[Callable[[], object]],
+        panels: Panels, actions: Actions, pasting: PasteActions, escapes: Sequence[Callable[[], object]],
         buttons: Callable[[], int], changed: Callable[[], None],
     ) -> None:  # fmt: skip
         self._input, self._chords, self._dialogs, self._closing = keys, chords, dialogs, closing
-        self._menu_bar, self._panels, self._actions, self._over = menu_bar, panels, actions, over
+        self._menu_bar, self._panels, self._actions, self._pasting = menu_bar, panels, actions, pasting
         self._escapes, self._pressed, self._changed = escapes, buttons, changed
         self.buttons = 0
         self._pointer: tuple[int, int] | None = None
@@ -125,7 +81,7 @@ class UserInput:
     def _act(self, event: gui.KeyEvent) -> bool:
         """Do what a pressed key stands for; returns whether it stands for something."""
         chords = self._chords
-        if not self._over.handle(event):
+        if not self._key_over_panels(event):
             if chords.control:
                 action = None if chords.again else self._actions.for_chord(event, chords.shift)
             else:
@@ -134,6 +90,40 @@ class UserInput:
                 return False
             action()
         self._changed()
+        return True
+
+    def _key_over_panels(self, event: gui.KeyEvent) -> bool:
+        """Handle a key for what lies over the panels, the notice and the start page, or for the table in the view;
+        returns whether it was one."""
+        chords, key = self._chords, gui.KeyName
+        start, bar = self._panels.start, self._panels.notice_bar
+        on_start, control, card = start.shown, chords.control, self._actions.notices.card
+        if chords.again and (control or event.key in (key.ENTER, key.BACKSPACE, key.DELETE, key.H)):
+            return on_start or event.key == key.H
+        if control and event.key == key.C and card is not None:
+            bar.copy()
+        elif control and event.key == key.O and card is not None:
+            bar.open_folder()
+        elif control and event.key == key.C and not on_start:
+            return self._copy_table()
+        elif not on_start or (control and opens_list(event, chords.shift)):
+            return False
+        elif control:
+            if event.key == key.V:
+                self._pasting.paste()
+        elif event.key in (key.H, key.Q, key.QUESTION_MARK, key.SLASH):
+            return False
+        else:
+            start.key(event, chords.shift)
+        return True
+
+    def _copy_table(self) -> bool:
+        """Copy the table in the view; returns whether there is one."""
+        view = self._actions.views.stage_view
+        if view is None or not view.table_text:
+            return False
+        if self._panels.notice_bar.copied(view.table_text):
+            self._actions.notices.show("Copied the table.")
         return True
 
     def _escape(self) -> None:

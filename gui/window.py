@@ -54,7 +54,7 @@ from v3studio.gui.platform.menu_bar import MenuBar
 from v3studio.gui.platform.presses import Chords
 from v3studio.gui.platform.x_window import XDisplay
 from v3studio.gui.state import StateLog, output_state, panel_state, playback_state, take_state
-from v3studio.gui.user_input import KeysOverPanels, UserInput
+from v3studio.gui.user_input import UserInput
 from v3studio.gui.viewport import Viewport
 from v3studio.gui.widgets.camera_menu import CameraMenu
 from v3studio.gui.widgets.controls import ControlsPanel
@@ -237,11 +237,9 @@ class MainWindow:
             lambda: self.player.transport.clear_span(),
             lambda: self.layout.set_fullscreen(False),
         )
-
-        over = KeysOverPanels(panels, views, self.notices, self._chords, self._pasting)
         self._user = UserInput(
-            self._input, self._chords, dialogs, self.close_requests, bar, panels, actions, over, escapes,
-            lambda: self._x.buttons, self.changed,
+            self._input, self._chords, dialogs, self.close_requests, bar, panels, actions, self._pasting,
+            escapes, lambda: self._x.buttons, self.changed,
         )  # fmt: skip
         self.window.set_on_layout(self.layout.place)
         self.window.set_on_tick_event(self.tick)
