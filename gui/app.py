@@ -94,7 +94,7 @@ def _run(path: str | None, size: tuple[int, int], log: Path | None, device: str)
     try:
         if path is not None:
             window.open(path)
-        if run_ticks(tick, lambda: window.ticks, window.failed):
+        if run_ticks(tick, lambda: window.ticks, window.reports.failed):
             return 0
         print("v3studio-gui: the window keeps failing and is closed; jobs keep running", file=sys.stderr)
         window.close()

@@ -250,7 +250,7 @@ class MainWindow:
 
     def _connect(self) -> None:
         workspace, exports = self.workspace, self.exports
-        reports = self._reports = Reports(workspace, exports, self.marks, self.notices, self.changed)
+        reports = self.reports = Reports(workspace, exports, self.marks, self.notices, self.changed)
         self.views.selected.connect(self._selected)
         self.views.clicked.connect(self.panels.camera_menu.close)
         self.views.capture.garbage.outcome.connect(partial(self.notices.outcome, "garbage"))
@@ -297,10 +297,6 @@ class MainWindow:
         """Request that the window close at the next tick."""
         self.close_requests.granted = True
         self.window.close()
-
-    def failed(self, error: Exception) -> None:
-        """Report what a callback raised."""
-        self._reports.failed(error)
 
     def closed(self) -> None:
         """End threads and close files, after the last tick. A job keeps running."""

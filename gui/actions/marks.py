@@ -15,7 +15,6 @@ from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.pipelines.takes.authored.marks import Mark, MarkView
-from v3studio.studio.errors import StudioError
 
 NO_MARKS = "No frame is marked. Press M to mark the frame on screen."
 
@@ -46,18 +45,14 @@ class MarkActions:
     def _change(self, frame: int, note: str | None, known: Mark | None) -> None:
         """Mark a frame, or remove its mark (None); noted for undo."""
         marks = self.marks
-        try:
+        with self._notices.reporting("marks"):  # such as somebody else's change, which is not to be undone here
             if note is None:
                 marks.put(frame, None, known)
             elif not marks.set(frame, note, known, view_of(self._player)):
                 return
-        except StudioError as error:  # among others, somebody else has changed it: theirs is not to be undone here
-            self._notices.show(str(error), bad=True, topic="marks")
-            return
-        now = marks.marks.get(frame)
-        self._notices.clear("marks")
-        undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
-        self._workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
+            now = marks.marks.get(frame)
+            undo, redo = partial(marks.put, frame, known, now), partial(marks.put, frame, now, known)
+            self._workspace.history.add(Change(f"the mark of frame {frame}", undo, redo))
 
     def go_to_next(self, direction: int) -> None:
         """Go to the next (1) or previous (-1) mark, and to its view."""

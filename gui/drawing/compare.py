@@ -94,13 +94,7 @@ def side_by_side(
 
 
 def wipe(
-    size: tuple[int, int],
-    box: Box,
-    left: np.ndarray,
-    right: np.ndarray,
-    at: float,
-    names: tuple[str, str],
-    text: int = LABEL_SIZE,
+    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, at: float, names: tuple[str, str], text: int
 ) -> np.ndarray:
     """Draw one image to the left of the line, the other to the right. `at`: the line, 0 to 1 across the box."""
     canvas = Canvas(*size)
@@ -129,7 +123,7 @@ def heat(levels: np.ndarray) -> np.ndarray:
 
 
 def heat_map(
-    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, names: tuple[str, str], text: int = LABEL_SIZE
+    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, names: tuple[str, str], text: int
 ) -> np.ndarray:
     """Draw a heat map of the difference, with a scale and the mean difference; `text`: size of labels, pixels."""
     levels = difference(left, right)

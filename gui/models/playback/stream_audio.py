@@ -78,10 +78,10 @@ class StreamAudio:
             self._error = f"{error} Playing without sound."
 
 
-def peaks_of(sound: Pcm, seconds: float, stop: threading.Event, parts: int = PEAKS) -> np.ndarray | None:
-    """The lowest and highest sample, (N, 2) float32, in at most `parts` equal parts of `seconds`; None if stopped."""
+def peaks_of(sound: Pcm, seconds: float, stop: threading.Event) -> np.ndarray | None:
+    """The lowest and highest sample, (N, 2) float32, in at most `PEAKS` equal parts of `seconds`; None if stopped."""
     total = max(round(seconds * sound.sample_rate), 1)
-    edges = np.linspace(0, total, min(parts, total) + 1).astype(int)
+    edges = np.linspace(0, total, min(PEAKS, total) + 1).astype(int)
     peaks = np.zeros((len(edges) - 1, 2), np.float32)
     step = max(sound.sample_rate * len(peaks) // total, 1)  # about a second at once
     for start in range(0, len(peaks), step):

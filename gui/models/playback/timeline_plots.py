@@ -62,7 +62,7 @@ class Waveform(Plot):
 
     peaks: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
-    def columns(self, width: int, start: float = 0.0, end: float = 1.0) -> np.ndarray:
+    def columns(self, width: int, start: float, end: float) -> np.ndarray:
         """(width, 2) lowest and highest sample under each column, of the part from `start` to `end`, 0 to 1."""
         edges = np.linspace(start * len(self.peaks), end * len(self.peaks), width + 1)
         first = np.minimum(edges[:-1].astype(int), len(self.peaks) - 1)

@@ -39,7 +39,7 @@ class ChildProcess:
         output: there are new lines, or the process has ended.
     """
 
-    def __init__(self, command: Sequence[str], errors: Path, folder: Path, tied: bool = False) -> None:
+    def __init__(self, command: Sequence[str], errors: Path, folder: Path, tied: bool) -> None:
         self.errors = errors
         self.output: Signal[[]] = Signal()
         self._posted = threading.Event()
@@ -169,7 +169,7 @@ class Job(ChildProcess):
     def __init__(self, take: Take, arguments: Sequence[str], program: Sequence[str] = ()) -> None:
         take.private.mkdir(parents=True, exist_ok=True)
         command = [*(program or v3studio_command()), *arguments, "--take", str(take.root), "--json"]
-        super().__init__(command, take.private / STDERR_NAME, take.root)
+        super().__init__(command, take.private / STDERR_NAME, take.root, tied=False)
         self._reported_end = False
 
     def take_events(self) -> list[Event]:

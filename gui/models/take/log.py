@@ -81,7 +81,7 @@ def _hang(width: float, em: float) -> float:
     return _indent(em) if width >= WIDE * em else 0.6 * em + HANG * em
 
 
-def log_rows(lines: Iterable[LogLine], width: int, em: float, config: Config | None = None) -> list[LogRow]:
+def log_rows(lines: Iterable[LogLine], width: int, em: float, config: Config | None) -> list[LogRow]:
     """The log wrapped to the width, pixels, with the fixes of its lines for the take's settings."""
     rows: list[LogRow] = []
     room = width - _indent(em) - 0.6 * em
