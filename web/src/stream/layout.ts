@@ -35,6 +35,11 @@ export function tilesOf(profile: "motion" | "planes", shDegree: number): Record<
   return { ...(Object.fromEntries(first) as Record<keyof SplatArrays, number>), count };
 }
 
+/** Distance from the image's first value to that of tile `number`. */
+export function tileCorner({ tile, columns }: { readonly tile: number; readonly columns: number }, number: number): number {
+  return (Math.floor(number / columns) * tile * columns + (number % columns)) * tile;
+}
+
 /** The names of all channels or components, in order. */
 export function channelNames(profile: "motion" | "planes", shDegree: number): string[] {
   return attributeNames(profile, shDegree).flatMap(([, found]) => found);

@@ -1,6 +1,6 @@
 /** Decodes splats from a side file and a luma image, for sorting and for the shaders. */
 
-import { tilePixels, tilesOf } from "./layout.ts";
+import { tileCorner, tilePixels, tilesOf } from "./layout.ts";
 import type { MotionRendition } from "./manifest.ts";
 import type { SideFile } from "./side_file.ts";
 
@@ -124,13 +124,11 @@ export class MotionTables {
   /** Centers of all splats in a frame of the group. `index`: frame within the group. `luma`: the decoded image, rows * tile
    * by columns * tile. `out`: (N, 3) float32, filled. */
   positions(index: number, luma: Uint8Array, table: Float32Array, out: Float32Array): void {
-    const { splats, channels, tile, columns } = this.group;
+    const { splats, channels } = this.group;
     const { labels, classes, escapes } = this.side;
     const { offsets, keyframe, local } = this;
-    const width = columns * tile;
     const { means } = tilesOf("motion", this.group.sh_degree);
-    const first = [means, means + 1, means + 2].map((c) => Math.floor(c / columns) * tile * width + (c % columns) * tile);
-    const [fx, fy, fz] = [first[0], first[1], first[2]];
+    const [fx, fy, fz] = [means, means + 1, means + 2].map((c) => tileCorner(this.group, c));
     const gains = Float32Array.from({ length: 16 }, (_, c) => 2 ** c);
     // lookup table of value = offset + (code - 128) * step: 256 codes, three channels
     const values = new Float32Array(768);

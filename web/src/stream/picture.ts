@@ -1,7 +1,7 @@
 /** The image that holds all of a frame's numbers, as tiles. In the profile `planes`, it is assembled from the planes, so that
  * both profiles are rendered in the same way. */
 
-import { tilesOf } from "./layout.ts";
+import { tileCorner, tilesOf } from "./layout.ts";
 import { filesOf, isMotion, type PlanesRendition, type Rendition } from "./manifest.ts";
 
 const COLUMNS = 8; // tiles per row of the image that contains a frame's planes
@@ -45,16 +45,15 @@ export function mirroredAxes({ components, sh_degree: shDegree }: PlanesRenditio
 
 /** Centers of all splats, (N, 3) float32 into `out`; `picture` is laid out as `layoutOf` says. */
 export function planePositions(group: PlanesRendition, picture: Uint8Array, out: Float32Array): void {
-  const { tile, columns } = layoutOf(group);
-  const width = tile * columns;
+  const layout = layoutOf(group);
+  const { tile } = layout;
+  const width = tile * layout.columns;
   const mirroring = mirroredAxes(group);
   const { means } = tilesOf("planes", group.sh_degree);
   group.components.slice(means, means + 3).forEach((component, axis) => {
     const scale = (component.max - component.min) / 65535;
     const mirrored = mirroring[axis];
-    const [high, low] = [means + 2 * axis, means + 2 * axis + 1].map(
-      (plane) => Math.floor(plane / columns) * tile * width + (plane % columns) * tile,
-    ) as [number, number];
+    const [high, low] = [means + 2 * axis, means + 2 * axis + 1].map((plane) => tileCorner(layout, plane));
     for (let i = 0, row = 0, column = 0; i < group.splats; i++) {
       const at = row * width + column;
       const h = picture[high + at];

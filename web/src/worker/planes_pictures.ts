@@ -2,6 +2,7 @@
  * image per frame. Devices have few decoders, so only one is used, and a group is decoded completely before it plays. */
 
 import { StreamError } from "../stream/errors.ts";
+import { tileCorner } from "../stream/layout.ts";
 import { filesOf, type PlanesRendition } from "../stream/manifest.ts";
 import { layoutOf } from "../stream/picture.ts";
 import { Closed, type Luma, type PictureSource } from "./pictures.ts";
@@ -48,7 +49,8 @@ export class PlanesPictures implements PictureSource {
   }
 
   private async readAll(open: (plane: number) => Promise<PictureSource>): Promise<Uint8Array[]> {
-    const { tile, columns, rows } = layoutOf(this.group);
+    const layout = layoutOf(this.group);
+    const { tile, columns, rows } = layout;
     const width = tile * columns;
     const pictures = Array.from({ length: this.group.frame_count }, () => new Uint8Array(width * tile * rows));
     for (let plane = 0; plane < filesOf(this.group).length; plane++) {
@@ -58,7 +60,7 @@ export class PlanesPictures implements PictureSource {
           if (this.closed) throw new Closed();
           const { data, decode } = await source.get(index);
           this.decode += decode;
-          const first = Math.floor(plane / columns) * tile * width + (plane % columns) * tile;
+          const first = tileCorner(layout, plane);
           for (let row = 0; row < tile; row++)
             picture.set(data.subarray(row * tile, (row + 1) * tile), first + row * width);
           this.pool.give(data);

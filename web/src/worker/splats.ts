@@ -1,10 +1,10 @@
 /** Dequantizes all of a frame's splats, for engines that take arrays; the player's own shaders read the image instead. */
 
-import { attributeNames, channelNames, tilesOf } from "../stream/layout.ts";
+import { attributeNames, channelNames, tileCorner, tilesOf } from "../stream/layout.ts";
 import type { Rendition } from "../stream/manifest.ts";
 import type { SplatArrays } from "../stream/manifest_types.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
-import { layoutOf, unitsOf } from "../stream/picture.ts";
+import { layoutOf, type PictureLayout, unitsOf } from "../stream/picture.ts";
 import type { Pool } from "./pool.ts";
 
 /** Arrays for a frame's splats, one after the other in a buffer. */
@@ -36,9 +36,9 @@ export function dequantize(
   out: SplatArrays,
 ): void {
   const { splats: count, sh_degree: shDegree } = group;
-  const { tile, columns } = layoutOf(group);
+  const layout = layoutOf(group);
   const units = unitsOf(group);
-  const offsets = tables?.offsets ?? rowOffsets(count, tile, columns);
+  const offsets = tables?.offsets ?? rowOffsets(count, layout);
   const { quats, scales, opacities, sh } = out;
   const motion = tables !== null;
   const profile = motion ? "motion" : "planes";
@@ -57,7 +57,7 @@ export function dequantize(
   targets.forEach((target, channel) => {
     const finish = meaning(target);
     const values = Float32Array.from({ length: 256 }, (_, code) => finish(units[2 * channel] + code * units[2 * channel + 1]));
-    const corner = Math.floor(channel / columns) * tile * tile * columns + (channel % columns) * tile;
+    const corner = tileCorner(layout, channel);
     const [array, stride, begin] = target;
     for (let i = 0, to = begin; i < count; i++, to += stride) array[to] = values[luma[corner + offsets[i]]];
   });
@@ -78,7 +78,7 @@ export function dequantize(
 }
 
 /** Distances from a tile's first value in the image, for splats in rows. */
-function rowOffsets(count: number, tile: number, columns: number): Uint32Array {
+function rowOffsets(count: number, { tile, columns }: PictureLayout): Uint32Array {
   return Uint32Array.from({ length: count }, (_, i) => Math.floor(i / tile) * tile * columns + (i % tile));
 }
 
