@@ -1,7 +1,7 @@
 /** Reads luma from <video> elements on the page; the worker requests images by time. texImage2D returns the luma of
  * full-range H.264 with neutral chroma exactly; four values are packed into each pixel that is read back. */
 
-import { Program } from "../render/gl.ts";
+import { contextOf, Program } from "../render/gl.ts";
 import { FULL_VERTEX } from "../render/shaders.ts";
 import { inTime, messageOf, StreamError } from "../stream/errors.ts";
 import type { Video, VideoTime } from "../worker/messages.ts";
@@ -62,10 +62,7 @@ export class VideoReader {
   }
 
   private makeContext(): WebGL2RenderingContext {
-    const gl = document
-      .createElement("canvas")
-      .getContext("webgl2", { alpha: true, antialias: false, depth: false, premultipliedAlpha: true, preserveDrawingBuffer: false });
-    if (gl === null) throw new StreamError("This browser does not support WebGL2, which the player requires.");
+    const gl = contextOf(document.createElement("canvas"), { antialias: false, depth: false });
     new Program(gl, FULL_VERTEX, FRAGMENT).use();
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);

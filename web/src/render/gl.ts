@@ -2,6 +2,13 @@
 
 import { StreamError } from "../stream/errors.ts";
 
+/** The WebGL2 context of a canvas. StreamError: the browser does not support it. */
+export function contextOf(canvas: HTMLCanvasElement, options: WebGLContextAttributes): WebGL2RenderingContext {
+  const gl = canvas.getContext("webgl2", options);
+  if (gl === null) throw new StreamError("This browser does not support WebGL2, which the player requires.");
+  return gl;
+}
+
 export class Program {
   readonly handle: WebGLProgram;
   private checked = false;

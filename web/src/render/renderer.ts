@@ -1,6 +1,5 @@
 /** Renders frames with WebGL2. */
 
-import { StreamError } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
 import { isMotion } from "../stream/manifest.ts";
 import { BLOCK_TEXELS } from "../stream/motion.ts";
@@ -8,7 +7,7 @@ import { layoutOf, mirroredAxes, type PictureLayout, unitsOf } from "../stream/p
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
-import { Program, Texture } from "./gl.ts";
+import { contextOf, Program, Texture } from "./gl.ts";
 import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 const BLOCKS_PER_ROW = 128; // blocks per row of the block table
@@ -140,17 +139,7 @@ export class Renderer {
 
   /** `xrCompatible`: to draw the views of a WebXR session. StreamError: the browser does not support WebGL2. */
   constructor(canvas: HTMLCanvasElement, xrCompatible = false) {
-    const gl = canvas.getContext("webgl2", {
-      xrCompatible,
-      alpha: true,
-      antialias: false,
-      depth: false,
-      stencil: false,
-      premultipliedAlpha: true,
-      powerPreference: "high-performance",
-    });
-    if (gl === null) throw new StreamError("This browser does not support WebGL2, which the player requires.");
-    this.gl = gl;
+    const gl = (this.gl = contextOf(canvas, { xrCompatible, antialias: false, depth: false, powerPreference: "high-performance" }));
     this.maxTexture = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
     const info = gl.getExtension("WEBGL_debug_renderer_info");
     this.software = SOFTWARE.test(String(gl.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER)));

@@ -1,5 +1,6 @@
 /** Images of the footage: the frame on the screen first, then the next ones, as many as fit in memory. */
 
+import { messageOf } from "../stream/errors.ts";
 import type { ReviewServer } from "./api.ts";
 
 const MAX_BYTES = 128e6;
@@ -56,7 +57,7 @@ export class Pictures {
     } catch (error) {
       if (control.signal.aborted) return;
       this.failed.set(key, performance.now());
-      this.problem = error instanceof Error ? error.message : String(error);
+      this.problem = messageOf(error);
     }
   }
 
