@@ -108,7 +108,7 @@ def test_a_stream_that_is_baked_again_during_playback(site: Site, baked: Baked, 
           for (let frame = 6; frame < 24; frame += 3)
             await new Promise(done => {
               stream.on('picture', ({frame}) => { if (frame === 5) done(); });
-              for (const one of [frame, 5]) stream.present(one, axis, false);
+              for (const one of [frame, 5]) stream.request({type: 'present', frame: one, axis, seek: false});
             }); }"""
     )
     assert page.seen("notice") == []

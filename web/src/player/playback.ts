@@ -56,7 +56,8 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   protected shown: Shown | null = null; // frame on the screen
   protected requested: Requested | null = null;
   protected failed = false;
-  protected readonly stop = new AbortController();
+  /** Aborted when the player is disposed of. */
+  readonly stop = new AbortController();
   /** The next frame, which is not due yet. */
   private ready: { readonly content: Content; readonly requested: Requested } | null = null;
   private playing_ = false;
@@ -109,7 +110,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     this.position = 0;
     this.sound.clear();
     const opened = this.stream.open(source);
-    this.stream.playing = this.playing_;
+    this.stream.request({ type: "playing", playing: this.playing_ });
     return opened;
   }
 
@@ -127,7 +128,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     // At the end, playback starts over.
     if (info !== null && this.shown !== null && dueFrame(this.courseOf(info), this.shown.frame + 1) === "end") this.seekFrame(0);
     this.playing_ = true;
-    this.stream.playing = true;
+    this.stream.request({ type: "playing", playing: true });
     this.lastTick = null;
     // Within the viewer's input, if it is one: some browsers start sound only then.
     if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
@@ -137,7 +138,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   pause(): void {
     if (!this.playing_) return;
     this.playing_ = false;
-    this.stream.playing = false;
+    this.stream.request({ type: "playing", playing: false });
     this.sound.halt();
     if (this.shown !== null && this.requested?.seek !== true) {
       this.position = this.shown.frame;
@@ -153,7 +154,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   set loop(loop: boolean) {
     this.loop_ = loop;
     this.sound.looping = loop && this.info?.live !== true;
-    this.stream.loop = loop;
+    this.stream.request({ type: "loop", loop });
   }
 
   /** Playback speed relative to the stream's frame rate, 0.1 to 4. */

@@ -175,7 +175,7 @@ export class Player extends Playback<Picture> {
   protected override ask(frame: number, seek: boolean): void {
     // Sorted for the current camera: at most one frame old when it is drawn.
     this.requestedAxis = depthAxis(this.head ?? this.screen.pinhole());
-    this.stream.present(frame, this.requestedAxis, seek);
+    this.stream.request({ type: "present", frame, axis: this.requestedAxis, seek });
   }
 
   private received(picture: Picture): void {

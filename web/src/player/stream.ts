@@ -5,7 +5,7 @@ import workerSource from "worker-source";
 import { StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type {
-  DecodePath, DepthAxis, FromWorker, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker,
+  DecodePath, FromWorker, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker,
 } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
 import { Emitter } from "./emitter.ts";
@@ -103,20 +103,6 @@ export class V3Stream extends Emitter<StreamEvents> {
       this.asked.push({ frame, resolve, reject });
       this.request({ type: "present", frame, axis: null, seek });
     });
-  }
-
-  /** Asks for a frame's image, sorted along the axis: the event `picture`. The newest request replaces those before it. */
-  present(frame: number, axis: DepthAxis, seek: boolean): void {
-    this.request({ type: "present", frame, axis, seek });
-  }
-
-  /** Whether the playhead moves: what is fetched ahead depends on it. */
-  set playing(playing: boolean) {
-    this.request({ type: "playing", playing });
-  }
-
-  set loop(loop: boolean) {
-    this.request({ type: "loop", loop });
   }
 
   /** Sends a message to the worker. */
