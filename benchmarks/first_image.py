@@ -12,8 +12,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import contextmanager, suppress
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -27,7 +28,7 @@ RATES = (0.4, 1.5, 4.0)  # Mbit/s
 ROUND_TRIP = 0.05  # seconds
 PIECE = 1400  # bytes
 PAGES = 3
-TYPES = {".html": "text/html", ".js": "text/javascript", ".json": "application/json", ".jpg": "image/jpeg"}
+TEXT = ("html", "javascript", "json")
 WATCH = """
 addEventListener('v3-ready', () => { window.first ??= performance.now(); }, true);
 new PerformanceObserver(list => {
@@ -55,9 +56,9 @@ class Line:
 
 @contextmanager
 def served(folder: Path, line: Line, compress: bool) -> Iterator[str]:
-    """The address of a folder behind the line."""
+    """The address of a folder behind the line. `compress`: the folder's text is compressed."""
 
-    class Handler(BaseHTTPRequestHandler):
+    class Handler(SimpleHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
         def log_message(self, *_arguments: Any) -> None:
@@ -65,29 +66,20 @@ def served(folder: Path, line: Line, compress: bool) -> Iterator[str]:
 
         def do_GET(self) -> None:
             time.sleep(ROUND_TRIP)
-            path = self.path.partition("?")[0]
-            file = folder / path.strip("/") / ("index.html" if path.endswith("/") else "")
-            if not file.is_file():
-                self.send_error(404)
-                return
-            data = file.read_bytes()
-            packed = compress and file.suffix in (".html", ".js", ".json")
-            data = gzip.compress(data) if packed else data
-            self.send_response(200)
-            self.send_header("Content-Type", TYPES.get(file.suffix, "application/octet-stream"))
-            self.send_header("Content-Length", str(len(data)))
-            if packed:
-                self.send_header("Content-Encoding", "gzip")
-            self.end_headers()
-            for at in range(0, len(data), PIECE):
-                piece = data[at : at + PIECE]
-                line.carry(len(piece))
-                try:
-                    self.wfile.write(piece)
-                except OSError:
-                    return  # the page was closed
+            super().do_GET()
 
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        def send_header(self, keyword: str, value: str) -> None:
+            super().send_header(keyword, value)
+            if compress and keyword == "Content-type" and value.endswith(TEXT):
+                super().send_header("Content-Encoding", "gzip")
+
+        def copyfile(self, source: Any, outputfile: Any) -> None:
+            with suppress(OSError):  # the page was closed
+                while piece := source.read(PIECE):
+                    line.carry(len(piece))
+                    outputfile.write(piece)
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(folder))) as server:
         server.daemon_threads = True
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/"
@@ -100,7 +92,10 @@ def main(stream: str) -> None:
         share(stream, site, PageText("First image"))
         flags = ["--no-sandbox", "--use-angle=swiftshader"]
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
-        for compress in (True, False):
+        for compress in (False, True):
+            for file in site.rglob("*") if compress else ():
+                if file.suffix in (".html", ".js", ".json"):
+                    file.write_bytes(gzip.compress(file.read_bytes()))
             for rate in RATES:
                 times: list[tuple[float, float]] = []
                 for _ in range(PAGES):
