@@ -17,36 +17,22 @@ ROOT = Path(__file__).parents[2]
 ENGINES = ROOT / "web" / "engines" / "node_modules"
 FRAMEWORKS = ("react", "vue", "preact", "svelte", "lit")
 
-FIRST = {
-    "src": "stream/",
-    "poster": "poster.png",
-    "preload": "auto",
-    "background": "white",
-    "view": "20,5",
-    "intro": "",
-    "decoder": "",
-    "autoplay": False,
-    "loop": True,
-    "muted": True,
-    "controls": True,
-    "page": False,
-    "allowSrc": False,
+PROPERTIES = {
+    "src": ("stream/", "stream/manifest.json"),
+    "poster": ("poster.png", ""),
+    "preload": ("auto", "poster"),
+    "background": ("white", "black"),
+    "view": ("20,5", "40,5"),
+    "intro": ("", "#none"),
+    "decoder": ("", "webcodecs"),
+    "autoplay": (False, True),
+    "loop": (True, False),
+    "muted": (True, False),
+    "controls": (True, False),
+    "page": (False, True),
+    "allowSrc": (False, True),
 }
-OTHER = {
-    "src": "stream/manifest.json",
-    "poster": "",
-    "preload": "poster",
-    "background": "black",
-    "view": "40,5",
-    "intro": "#none",
-    "decoder": "webcodecs",
-    "autoplay": True,
-    "loop": False,
-    "muted": False,
-    "controls": False,
-    "page": True,
-    "allowSrc": True,
-}
+FIRST, OTHER = ({name: pair[number] for name, pair in PROPERTIES.items()} for number in (0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -189,10 +175,11 @@ def test_nothing_is_fetched_before_it_is_played(
 ) -> None:
     Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
     (site.folder / "host.html").write_text(players(f'preload="{preload}"', 1))
-    page = open_page(path="/host.html", wait=False, reduced_motion="reduce")
+    page = open_page(path="/host.html", wait=False, reduced_motion="reduce", locale="de-DE")
     page.wait("player?.seen")
     start = page.handle.locator("v3-player .start")
     start.wait_for()
+    assert start.get_attribute("aria-label") == "Abspielen"
     if posters:
         page.wait("player.shadowRoot.querySelector('.poster img').complete")
     paths = [path for path, _ in site.requests]

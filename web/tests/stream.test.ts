@@ -293,7 +293,7 @@ const REFUSED: readonly (readonly [place: string, value: unknown, message: RegEx
   ["audio.path", `files/${"0".repeat(32)}.m4a`, /not named by/],
 ];
 
-/** The same for the profile planes. */
+/** Refused changes of a manifest of the profile planes. */
 const PLANES_REFUSED: typeof REFUSED = [
   ["codec.name", "av1", /must be h264 in the profile planes/],
   ["groups.0.renditions.0.side", 32, /side does not fit/],

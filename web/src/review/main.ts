@@ -36,7 +36,7 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
     const { camera } = comparison;
     return camera === null ? {} : { compare: camera.name };
   };
-  element.addHelp([
+  controls.addHelp([
     ...(data.cameras.length === 0 ? [] : [
       { what: "Compare", touch: "<i>Compare with footage</i>, drag the line", keys: "<kbd>W</kbd>, drag the line" },
     ]),

@@ -62,7 +62,8 @@ export const helpLines = (words: Words): HelpLine[] => ACTIONS.flatMap(({ help, 
 });
 
 /** Runs the actions of buttons and keys, below a shadow root and on its host. */
-export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, signal: AbortSignal): void {
+export function listen(root: ShadowRoot, controls: Controls, signal: AbortSignal): void {
+  const { host, motion } = controls;
   root.addEventListener("click", (event) => {
     const pressed = (event.target as Element).closest<HTMLElement>("button");
     if (pressed === null) return;
@@ -78,8 +79,7 @@ export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, 
   }, { signal });
   host.addEventListener("keydown", (event) => {
     if (event.altKey || event.metaKey || event.ctrlKey) return;
-    const { motion } = controls;
-    if (event.key !== "Shift" && event.key !== "Tab") controls.host.endIntro();
+    if (event.key !== "Shift" && event.key !== "Tab") host.endIntro();
     motion.shift = event.shiftKey;
     const from = event.composedPath()[0] as Element;
     // The link to copy by hand is selected and copied with keys.
@@ -100,7 +100,7 @@ export function listen(host: HTMLElement, root: ShadowRoot, controls: Controls, 
     controls.awake();
   }, { signal });
   host.addEventListener("keyup", (event) => {
-    controls.motion.shift = event.shiftKey;
-    controls.motion.release(event);
+    motion.shift = event.shiftKey;
+    motion.release(event);
   }, { signal });
 }

@@ -6,37 +6,23 @@ import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
+import type { HelpLine } from "./actions.ts";
+import type { V3PlayerElement } from "./element.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
 import { Hint } from "./hint.ts";
-import { ICONS } from "./icons.ts";
+import * as ICONS from "./icons.ts";
 import { linkTo } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
+import { helpRow } from "./template.ts";
 import { Timeline } from "./timeline.ts";
 import { type Words, wordsOf } from "./words.ts";
 
 const IDLE = 3000; // milliseconds without user input until the controls hide
 const NOTICE = 5000;
 const FAINTEST = 0.1; // opacity of the image where nothing was filmed
-
-/** The element to which the controls belong. */
-export interface ControlsHost extends HTMLElement {
-  readonly state: { readonly ready: boolean; readonly loop: boolean };
-  readonly background: string;
-  play(): void;
-  pause(): void;
-  seek(seconds: number): void;
-  /** Opens its stream, or a stream in one file. */
-  open(file?: File): void;
-  setSpeed(speed: number): void;
-  setLoop(loop: boolean): void;
-  setMuted(muted: boolean): void;
-  setBackground(name: BackgroundName): void;
-  openUpdated(): void;
-  endIntro(): void;
-}
 
 export class Controls {
   readonly motion: Motion;
@@ -56,20 +42,15 @@ export class Controls {
   private toldOfSound = false;
 
   constructor(
-    readonly host: ControlsHost,
+    readonly host: V3PlayerElement,
     private readonly root: ShadowRoot,
     private readonly player: Player,
-    signal: AbortSignal,
   ) {
+    const { signal } = player.stop;
     for (const [name, { color }] of Object.entries(BACKGROUNDS))
       this.part(`.swatch.${name}`).style.setProperty("--color", cssColor(color));
-    const words = wordsOf(host);
-    this.words = words;
+    const words = (this.words = wordsOf(host));
     const stage = this.part(".stage");
-    stage.setAttribute("aria-roledescription", words.kind);
-    this.part(".start").setAttribute("aria-label", words.play);
-    this.part(".spinner").setAttribute("aria-label", words.loading);
-    this.part("[data-act='again']").textContent = words.again;
     this.timeline = new Timeline(this.part(".timeline"), player, words);
     this.hint = new Hint(this.part(".hint"));
     this.sheets = new Sheets(root, (name) => this.showSheet(name));
@@ -82,7 +63,7 @@ export class Controls {
         this.awake();
       },
       input: () => host.endIntro(),
-    }, signal);
+    });
     this.motion.ownsWheel = () => this.isPage || document.fullscreenElement === host || root.activeElement === stage;
     for (const element of this.buttons("link")) element.hidden = !this.isPage;
     this.part("[data-act='full']").hidden = !document.fullscreenEnabled;
@@ -111,7 +92,7 @@ export class Controls {
       this.relabel("full", full ? ICONS.small : ICONS.full, full ? words.notFull : words.full);
     }, { signal });
     signal.addEventListener("abort", () => this.end());
-    this.follow(player);
+    this.follow();
     if (player.info !== null) this.showOpened(player.info);
     if (host.state.ready) this.showReady();
   }
@@ -124,7 +105,8 @@ export class Controls {
 
   // What the player does ----------------------------------------------------------------------------------------------
 
-  private follow(player: Player): void {
+  private follow(): void {
+    const { player } = this;
     player.on("opened", (info) => this.showOpened(info));
     player.on("ready", () => this.showReady());
     player.on("play", () => {
@@ -228,6 +210,11 @@ export class Controls {
   /** For screen readers only. */
   private say(text: string): void {
     this.part(".spoken").textContent = text;
+  }
+
+  /** Adds lines to *Help*. */
+  addHelp(lines: readonly HelpLine[]): void {
+    this.part(".help tbody").insertAdjacentHTML("afterbegin", lines.map(helpRow).join(""));
   }
 
   // What the viewer does ----------------------------------------------------------------------------------------------

@@ -5,12 +5,12 @@ import type { PartialView, View } from "../render/camera.ts";
 import { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { EmbeddedFiles } from "../worker/source.ts";
-import type { HelpLine } from "./actions.ts";
 import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isDecoder, isLight } from "./choices.ts";
 import { claim, release, type Tenant, watch } from "./contexts.ts";
-import type { Controls, ControlsHost } from "./controls.ts";
+import type { Controls } from "./controls.ts";
 import css from "./first.css";
-import { ICONS } from "./icons.ts";
+import { FIRST_WORDS, languageOf } from "./first_words.ts";
+import * as ICONS from "./icons.ts";
 import { parseView } from "./link.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 
@@ -83,14 +83,15 @@ declare global {
 const TEXTS = ["src", "poster", "preload", "background", "view", "intro", "decoder"] as const;
 const SWITCHES = ["autoplay", "loop", "muted", "controls", "page", "allowSrc"] as const;
 
-const FIRST = `<div class="stage" tabindex="0" role="application" aria-roledescription="3D video" aria-label="Volumetric video" aria-describedby="about keys">
+const template = ({ kind, video, play, loading, again }: (typeof FIRST_WORDS)["en"]): string => `
+<div class="stage" tabindex="0" role="application" aria-roledescription="${kind}" aria-label="${video}" aria-describedby="about keys">
   <canvas></canvas>
-  <button type="button" class="start" data-act="start" aria-label="Play" hidden>${ICONS.play}</button>
+  <button type="button" class="start" data-act="start" aria-label="${play}" hidden>${ICONS.play}</button>
 </div>
 <p class="unseen" id="about"></p>
 <div class="poster"><slot><img alt="" hidden></slot></div>
-<div class="veil"><div class="spinner" role="status" aria-label="Loading"></div></div>
-<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">Try again</button></p></div></div>`;
+<div class="veil"><div class="spinner" role="status" aria-label="${loading}"></div></div>
+<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">${again}</button></p></div></div>`;
 
 /** Files of a stream in this page: base64 in script elements below the element that `selector` names. */
 function embeddedFiles(selector: string): EmbeddedFiles {
@@ -105,27 +106,17 @@ const reducesMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce
 // Where pages are rendered on a server, there are no elements, but the module can be imported.
 const Base = (globalThis as Partial<typeof globalThis>).HTMLElement ?? (Object as unknown as typeof HTMLElement);
 
-export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3PlayerProperties {
-  static readonly observedAttributes = ["src", "poster", "preload", "background", "loop", "muted", "view", "decoder", "data-description"];
+// The properties are defined below the class.
+// eslint-disable-next-line @typescript-eslint/no-unsafe-declaration-merging, @typescript-eslint/no-empty-object-type
+export interface V3PlayerElement extends V3PlayerProperties {}
 
-  declare src: string;
-  declare poster: string;
-  declare preload: string;
-  declare background: string;
-  declare view: string;
-  declare intro: string;
-  declare decoder: string;
-  declare autoplay: boolean;
-  declare loop: boolean;
-  declare muted: boolean;
-  declare controls: boolean;
-  declare page: boolean;
-  declare allowSrc: boolean;
+// eslint-disable-next-line @typescript-eslint/no-unsafe-declaration-merging
+export class V3PlayerElement extends Base implements Tenant {
+  static readonly observedAttributes = ["src", "poster", "preload", "background", "loop", "muted", "view", "decoder", "data-description"];
 
   readonly #root: ShadowRoot;
   #engine: Player | null = null;
   #ui: Controls | null = null;
-  #lifetime = new AbortController();
   #unwatch: (() => void) | null = null;
   #seen = false;
   #isReady = false;
@@ -144,7 +135,6 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
   constructor() {
     super();
     this.#root = this.attachShadow({ mode: "open" });
-    this.#build();
     this.#root.addEventListener("click", (event) => {
       const act = (event.target as Element).closest<HTMLElement>("button")?.dataset["act"];
       if (act === "again") this.open(this.#file);
@@ -162,7 +152,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
       (this as Record<string, unknown>)[name] = value;
     }
     if (this.#unwatch !== null) return; // it was only moved
-    this.#showPoster();
+    this.#build();
     this.#unwatch = watch(this, (seen) => this.#see(seen));
     if (this.page) this.#see(true);
     else this.#consider();
@@ -314,11 +304,6 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
     this.#consider();
   }
 
-  /** Adds lines to *Help*. */
-  addHelp(lines: readonly HelpLine[]): void {
-    void import("./rest.ts").then(({ addHelp }) => addHelp(this.#root, lines));
-  }
-
   notice(message: string): void {
     if (this.#ui === null) this.#notices.push(message);
     else this.#ui.notice(message);
@@ -334,11 +319,12 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
   /** Opens the stream of the attribute `src`, or a stream in one file. */
   open(file: File | null = null): void {
     this.#file = file;
+    if (this.#unwatch === null) return; // it begins once it is in the page
     const source = this.src;
     this.#find(".failure").hidden = true;
     const engine = this.#engine;
     if (engine === null) {
-      if (this.#unwatch !== null && (file !== null || this.#mayBegin())) this.#begin(file !== null);
+      this.#consider();
       return;
     }
     if (file === null && source === "") return;
@@ -379,11 +365,14 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
   }
 
   #build(): void {
-    this.#root.innerHTML = FIRST;
+    const language = languageOf(this);
+    this.#root.innerHTML = template(FIRST_WORDS[language]);
+    for (const part of this.#root.children) if (part instanceof HTMLElement) part.lang = language;
     // Not by <style>, which a page's Content-Security-Policy may forbid.
     styles ??= new CSSStyleSheet();
     styles.replaceSync(css);
     this.#root.adoptedStyleSheets = [styles];
+    this.#showPoster();
   }
 
   #see(seen: boolean): void {
@@ -422,7 +411,6 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
       setTimeout(() => this.#fail(messageOf(error)));
       return;
     }
-    this.#lifetime = new AbortController();
     this.#engine.hidden = !this.#seen && !this.page;
     this.#engine.speed = this.#speed;
     this.#engine.sound.muted = this.muted;
@@ -439,13 +427,11 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
     this.#stopIntro?.();
     this.#stopIntro = null;
     clearTimeout(this.#busyTimer);
-    this.#lifetime.abort();
     this.#engine.dispose();
     this.#engine = this.#ui = null;
     this.#isReady = false;
     this.classList.remove("begun", "idle");
     this.#build();
-    this.#showPoster();
   }
 
   #keep(): void {
@@ -495,7 +481,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
       return;
     }
     if (player !== this.#engine || this.#ui !== null) return;
-    this.#ui = rest.addControls(this, this.#root, player, this.#lifetime.signal);
+    this.#ui = rest.addControls(this, this.#root, player);
     for (const message of this.#notices.splice(0)) this.#ui.notice(message);
     this.dispatchEvent(new Event("v3-controls")); // for the review; not part of the stable interface
   }
@@ -522,10 +508,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
       this.#tell("v3-ready", this.state);
       void this.#addControls(player).then(() => this.#introduce(player));
     });
-    player.on("play", () => this.#tell("v3-play", null));
-    player.on("pause", () => this.#tell("v3-pause", null));
-    player.on("ended", () => this.#tell("v3-ended", null));
-    player.on("looped", () => this.#tell("v3-looped", null));
+    for (const name of ["play", "pause", "ended", "looped"] as const) player.on(name, () => this.#tell(`v3-${name}`, null));
     player.on("view", (view) => this.#tell("v3-view", view));
     player.on("waiting", (waiting) => {
       this.busy(waiting);
@@ -569,27 +552,26 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant, V3Pla
   }
 }
 
+function define(name: keyof V3PlayerProperties, property: ThisType<V3PlayerElement> & PropertyDescriptor): void {
+  Object.defineProperty(V3PlayerElement.prototype, name, { configurable: true, enumerable: true, ...property });
+}
 for (const name of TEXTS)
-  Object.defineProperty(V3PlayerElement.prototype, name, {
-    configurable: true,
-    enumerable: true,
-    get(this: V3PlayerElement): string {
+  define(name, {
+    get() {
       return this.getAttribute(name) ?? "";
     },
-    set(this: V3PlayerElement, value: unknown) {
+    set(value: unknown) {
       if (value === null || value === undefined) this.removeAttribute(name);
       else this.setAttribute(name, value as string);
     },
   });
 for (const name of SWITCHES) {
   const attribute = name === "allowSrc" ? "allow-src" : name;
-  Object.defineProperty(V3PlayerElement.prototype, name, {
-    configurable: true,
-    enumerable: true,
-    get(this: V3PlayerElement): boolean {
+  define(name, {
+    get() {
       return this.hasAttribute(attribute);
     },
-    set(this: V3PlayerElement, value: unknown) {
+    set(value: unknown) {
       this.toggleAttribute(attribute, Boolean(value));
     },
   });

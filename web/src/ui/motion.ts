@@ -46,8 +46,8 @@ export class Motion {
     private readonly surface: HTMLElement,
     private readonly player: Player,
     private readonly events: MotionEvents,
-    signal: AbortSignal,
   ) {
+    const { signal } = player.stop;
     signal.addEventListener("abort", () => cancelAnimationFrame(this.handle));
     const on = <K extends keyof HTMLElementEventMap>(kind: K, handler: (event: HTMLElementEventMap[K]) => void): void => {
       surface.addEventListener(kind, handler, { signal, passive: false });

@@ -16,7 +16,7 @@ function figures(player: Player, words: Words): [string, string][] {
   const [width, height] = player.screen.size;
   const rows: [string, string][] = [
     [names.rate, !player.playing ? `${words.isPaused} (${wanted} fps)` : words.of(interval === 0 ? "–" : (1000 / interval).toFixed(1), `${wanted} fps`)],
-    [names.dropped, `${words.of(count(s.dropped), `${count(s.shown + s.dropped)} ${words.frames}`)}, ${words.stalls}: ${count(s.stalls)}`],
+    [names.dropped, `${words.of(count(s.dropped), words.frames(count(s.shown + s.dropped)))}, ${words.stalls}: ${count(s.stalls)}`],
     [names.splats, words.of(count(player.drawn), count(group?.splats ?? 0))],
     [names.decode, milliseconds(s.decode.mean())],
     [names.dequantize, milliseconds(s.dequantize.mean())],

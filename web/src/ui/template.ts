@@ -2,7 +2,7 @@
 
 import { type HelpLine, helpLines } from "./actions.ts";
 import { type BackgroundName, BACKGROUNDS, SPEEDS } from "./choices.ts";
-import { ICONS } from "./icons.ts";
+import * as ICONS from "./icons.ts";
 import { canShare } from "./give_link.ts";
 import type { Words } from "./words.ts";
 

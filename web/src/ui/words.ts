@@ -1,8 +1,9 @@
 /** All words of the controls. English is complete by definition; the type checker compares the others with it. */
 
+import { FIRST_WORDS, type Language, languageOf } from "./first_words.ts";
+
 const ENGLISH = {
-  kind: "3D video", video: "Volumetric video", loading: "Loading", again: "Try again",
-  play: "Play", pause: "Pause", soundOn: "Turn sound on", soundOff: "Turn sound off", time: "Time",
+  ...FIRST_WORDS.en, pause: "Pause", soundOn: "Turn sound on", soundOff: "Turn sound off", time: "Time",
   reset: "Reset view", share: "Share", vr: "Watch in VR", ar: "Place in the room (AR)", statistics: "Statistics",
   settings: "Settings", full: "Full screen", notFull: "Exit full screen", help: "Help", close: "Close", more: "More",
   speed: "Speed", atEnd: "At the end", loop: "Loop", stop: "Stop", background: "Background",
@@ -37,18 +38,17 @@ const ENGLISH = {
     stream: "Stream", rendition: "Rendition", player: "Player", checked: "Checked",
   },
   of: (part: string, whole: string) => `${part} of ${whole}`, perFrame: "per frame", perGroup: "per group", isPaused: "paused",
-  frames: "frames", stalls: "stalls", sizesOnly: "sizes only; SHA-256 requires HTTPS", sizes: "sizes and SHA-256",
+  frames: (count: string) => (count === "1" ? "1 frame" : `${count} frames`), stalls: "stalls", sizesOnly: "sizes only; SHA-256 requires HTTPS", sizes: "sizes and SHA-256",
   placeAR: "Look at a table or the floor. Tap to place.", adjustAR: "Pinch to scale and turn. Tap to move it.",
 };
 
-/** The same names, with any texts. */
+/** A table with the names of `T` and any texts. */
 type Same<T> = { readonly [K in keyof T]: T[K] extends string ? string : T[K] extends (...values: never) => string ? T[K] : Same<T[K]> };
 
 export type Words = Same<typeof ENGLISH>;
 
 const GERMAN: Words = {
-  kind: "3D-Video", video: "Volumetrisches Video", loading: "Wird geladen", again: "Erneut versuchen",
-  play: "Abspielen", pause: "Pause", soundOn: "Ton einschalten", soundOff: "Ton ausschalten", time: "Zeit",
+  ...FIRST_WORDS.de, pause: "Pause", soundOn: "Ton einschalten", soundOff: "Ton ausschalten", time: "Zeit",
   reset: "Ansicht zurücksetzen", share: "Teilen", vr: "In VR ansehen", ar: "In den Raum stellen (AR)", statistics: "Statistik",
   settings: "Einstellungen", full: "Vollbild", notFull: "Vollbild beenden", help: "Hilfe", close: "Schließen", more: "Mehr",
   speed: "Tempo", atEnd: "Am Ende", loop: "Von vorn", stop: "Anhalten", background: "Hintergrund",
@@ -83,13 +83,12 @@ const GERMAN: Words = {
     received: "Empfangen", stream: "Stream", rendition: "Fassung", player: "Player", checked: "Geprüft",
   },
   of: (part, whole) => `${part} von ${whole}`, perFrame: "je Bild", perGroup: "je Gruppe", isPaused: "angehalten",
-  frames: "Bildern", stalls: "Stockungen", sizesOnly: "nur Größen; SHA-256 braucht HTTPS", sizes: "Größen und SHA-256",
+  frames: (count) => (count === "1" ? "1 Bild" : `${count} Bildern`), stalls: "Stockungen", sizesOnly: "nur Größen; SHA-256 braucht HTTPS", sizes: "Größen und SHA-256",
   placeAR: "Blicken Sie auf einen Tisch oder den Boden. Tippen Sie zum Hinstellen.", adjustAR: "Zwei Finger skalieren und drehen. Tippen versetzt es.",
 };
 
 const JAPANESE: Words = {
-  kind: "3D動画", video: "ボリュメトリックビデオ", loading: "読み込み中", again: "再試行",
-  play: "再生", pause: "一時停止", soundOn: "音声をオンにする", soundOff: "音声をオフにする", time: "時間",
+  ...FIRST_WORDS.ja, pause: "一時停止", soundOn: "音声をオンにする", soundOff: "音声をオフにする", time: "時間",
   reset: "視点をリセット", share: "共有", vr: "VRで見る", ar: "部屋に置く (AR)", statistics: "統計",
   settings: "設定", full: "全画面", notFull: "全画面を終了", help: "ヘルプ", close: "閉じる", more: "その他",
   speed: "速度", atEnd: "終わったら", loop: "繰り返す", stop: "停止", background: "背景",
@@ -124,18 +123,10 @@ const JAPANESE: Words = {
     stream: "ストリーム", rendition: "品質", player: "プレーヤー", checked: "検査",
   },
   of: (part, whole) => `${whole}中${part}`, perFrame: "毎フレーム", perGroup: "毎グループ", isPaused: "一時停止",
-  frames: "フレーム", stalls: "停止", sizesOnly: "サイズのみ (SHA-256にはHTTPSが必要)", sizes: "サイズとSHA-256",
+  frames: (count) => `${count}フレーム`, stalls: "停止", sizesOnly: "サイズのみ (SHA-256にはHTTPSが必要)", sizes: "サイズとSHA-256",
   placeAR: "テーブルか床に向けて、タップで配置します。", adjustAR: "ピンチで拡大縮小と回転、タップで移動します。",
 };
 
-const TABLES: Readonly<Record<string, Words>> = { en: ENGLISH, de: GERMAN, ja: JAPANESE };
-
-/** The language of a player's controls: the element's attribute `lang`; in the middle of a page, the page's; else the first of
- * the browser's that there is, or English. */
-export function languageOf(element: HTMLElement): string {
-  const page = element.hasAttribute("page") ? null : element.closest("[lang]");
-  const asked = [element.lang, page?.getAttribute("lang") ?? "", ...navigator.languages];
-  return asked.map((tag) => tag.toLowerCase().split("-")[0]).find((tag) => Object.hasOwn(TABLES, tag)) ?? "en";
-}
+const TABLES: Readonly<Record<Language, Words>> = { en: ENGLISH, de: GERMAN, ja: JAPANESE };
 
 export const wordsOf = (element: HTMLElement): Words => TABLES[languageOf(element)];

@@ -1,0 +1,18 @@
+/** The words of the element before its controls are loaded, and the choice of the language. */
+
+export const FIRST_WORDS = {
+  en: { kind: "3D video", video: "Volumetric video", loading: "Loading", again: "Try again", play: "Play" },
+  de: { kind: "3D-Video", video: "Volumetrisches Video", loading: "Wird geladen", again: "Erneut versuchen", play: "Abspielen" },
+  ja: { kind: "3D動画", video: "ボリュメトリックビデオ", loading: "読み込み中", again: "再試行", play: "再生" },
+};
+
+export type Language = keyof typeof FIRST_WORDS;
+
+/** The language of a player's controls: the element's attribute `lang`; in the middle of a page, the page's; else the first of
+ * the browser's that there is, or English. */
+export function languageOf(element: HTMLElement): Language {
+  const page = element.hasAttribute("page") ? null : element.closest("[lang]");
+  const asked = [element.lang, page?.getAttribute("lang") ?? "", ...navigator.languages];
+  const known = (tag: string): tag is Language => Object.hasOwn(FIRST_WORDS, tag);
+  return asked.map((tag) => tag.toLowerCase().split("-")[0]).find(known) ?? "en";
+}
