@@ -190,7 +190,7 @@ class Page:
         self.requests.clear()
 
     def evaluate(self, script: str, argument: Any = None) -> Any:
-        """What a JavaScript function returns for the argument; a promise that stays open for `PATIENCE` fails."""
+        """The result of a JavaScript function for the argument; a promise that stays open for `PATIENCE` fails."""
         return self.handle.evaluate(f"argument => ({_BOUNDED})({script}, argument)", argument)
 
     def wait(self, condition: str, argument: Any = None) -> None:

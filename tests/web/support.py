@@ -1,4 +1,4 @@
-"""What the player's tests need from the library: streams to play, and their frames as Python decodes and renders them.
+"""The player's tests' access to the library: streams to play, and their frames as Python decodes and renders them.
 
 If modules move, this is the only file to change.
 """

@@ -127,7 +127,7 @@ def players(attributes: str, count: int) -> str:
 
 
 def test_many_on_a_page(site: Site, baked: Baked, open_page: OpenPage) -> None:
-    """Those that are seen are fetched and drawn, at most eight; others show a picture."""
+    """Players that are seen are fetched and drawn, at most eight; others show a picture."""
     shutil.copytree(baked(splats=300), site.stream)
     Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
     (site.folder / "host.html").write_text(players("loop", 20))

@@ -1,4 +1,4 @@
-"""What `v3studio serve` and `v3studio share` give plays in a browser, also from a plain web server and the disk."""
+"""Pages of `v3studio serve` and `v3studio share` play in a browser, also from a plain web server and the disk."""
 
 import functools
 import http.server

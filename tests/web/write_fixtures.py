@@ -23,7 +23,7 @@ from v3studio.studio.stream.codecs import CODECS
 
 
 def rule_steps() -> dict[str, Any]:
-    """What `RateRule` chooses on a network whose rate wanders: [seconds buffered, bytes, seconds, choice] per group."""
+    """The choices of `RateRule` on a network that wanders: [seconds buffered, bytes, seconds, choice] per group."""
     rates = [8_000_000, 4_000_000, 2_000_000, 500_000]
     rule, rng, buffered, rate, steps = RateRule(rates), random.Random(4), 0.0, 3e6, []
     for _ in range(200):
@@ -38,7 +38,7 @@ def rule_steps() -> dict[str, Any]:
 
 
 def video_index(path: Path) -> dict[str, Any]:
-    """What FFmpeg reads of a video: [offset, bytes, key, seconds] of each packet."""
+    """The index of a video as FFmpeg reads it: [offset, bytes, key, seconds] of each packet."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         packets = [packet for packet in container.demux(stream) if packet.size]

@@ -34,7 +34,7 @@ export class V3Performer extends Entity {
     return info;
   }
 
-  /** Of the whole take, in the coordinates of the parent; the floor is at its minimum of y. */
+  /** The box of the whole take, in the coordinates of the parent; the floor is at its minimum of y. */
   get box(): { readonly min: Vec3; readonly max: Vec3 } {
     const whole = new BoundingBox();
     const { info } = this.playback;

@@ -10,7 +10,7 @@ import type { Splats, StreamInfo } from "../src/worker/messages.ts";
 const SH0 = 0.28209479177387814;
 /** Arrays of a splat's further harmonics: four of RGB in each. */
 const HARMONICS = ["sh1", "sh2", "sh3a", "sh3b"] as const;
-/** The same as textures, which Spark makes when it first needs them. */
+/** Textures of these arrays, which Spark makes when it first needs them. */
 const TEXTURES = ["sh1Texture", "sh2Texture", "sh3TextureA", "sh3TextureB"] as const;
 
 interface Dyno {
@@ -20,7 +20,7 @@ interface Dyno {
 /** A `SplatMesh` whose splats are those of the frame that is due. */
 export class V3Performer extends SplatMesh {
   readonly playback: SplatPlayback;
-  /** With which the shown splats were trained, in square pixels: a SparkRenderer's `preBlurAmount`, with no `blurAmount`. */
+  /** The dilation with which the shown splats were trained, square pixels: a SparkRenderer's `preBlurAmount`, without `blurAmount`. */
   dilation = 0.3;
   /** Gets the splats of each frame that is shown; their arrays are valid during the call only. */
   onsplats: ((splats: Splats) => void) | null = null;
@@ -41,7 +41,7 @@ export class V3Performer extends SplatMesh {
     return info;
   }
 
-  /** Of the whole take, in the coordinates of the parent; its `min.y` is the floor. */
+  /** The box of the whole take, in the coordinates of the parent; its `min.y` is the floor. */
   get box(): Box3 {
     const { info } = this.playback;
     if (info === null) return new Box3();

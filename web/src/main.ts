@@ -9,7 +9,7 @@ export { V3PlayerElement };
 export type { V3PlayerEventMap, V3PlayerHandlers, V3PlayerProperties, V3PlayerState } from "./ui/element.ts";
 export { Player } from "./player/player.ts";
 
-/** What a page says of its own stream, and not of one that a link names. */
+/** Attributes that a page has for its own stream, and not for one that a link names. */
 const OWN = ["data-title", "data-credits", "data-license", "data-description", "data-link", "poster", "intro"];
 
 /** The message interface for iframes, version 1 (docs/guides/web.md). Commands are harmless, so any embedding page may send

@@ -9,7 +9,7 @@ import { HttpSource } from "../src/worker/http.ts";
 const PAGE = "https://example.org/secret/take/";
 const MANIFEST = `${PAGE}stream/manifest.json`;
 
-/** What the page's own requests of files get, by address. */
+/** Answers to the page's own requests of files, by address. */
 let answers = new Map<string, Promise<Response | null>>();
 
 function page(response: Promise<Response | null>, files: Record<string, Promise<Response | null>> = {}): void {
@@ -21,7 +21,7 @@ function page(response: Promise<Response | null>, files: Record<string, Promise<
 
 const answer = (text: string): Promise<Response> => Promise.resolve(new Response(text));
 
-/** What the worker fetches itself. */
+/** Paths that the worker fetches itself. */
 const fetched: string[] = [];
 globalThis.fetch = (url): Promise<Response> => {
   const early = answers.get(url as string);

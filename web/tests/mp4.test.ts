@@ -15,7 +15,7 @@ interface Expected {
   readonly packets: readonly (readonly [number, number, boolean, number])[];
 }
 
-/** As in RFC 6381. */
+/** Names of codecs as in RFC 6381. */
 const NAMES: Readonly<Record<string, string>> = { h264: "avc1.4D400C", hevc: "hvc1.1.6.L60.90", av1: "av01.0.00M.08" };
 const videos = JSON.parse(readFileSync(join(folder, "videos.json"), "utf8")) as Readonly<Record<string, Expected>>;
 const fileOf = (name: string): Uint8Array => new Uint8Array(readFileSync(join(folder, `${name}.mp4`)));

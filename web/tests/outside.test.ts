@@ -1,4 +1,4 @@
-/** What pages, links and messages pass to the player. */
+/** Values that pages, links and messages pass to the player. */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";

@@ -45,7 +45,7 @@ void test("the figure is large on a phone and on a wide screen", () => {
   }
 });
 
-/** As seen from under the ceiling, 3 m from the middle of the stage; everybody fills the image. */
+/** A camera under the ceiling, 3 m from the middle of the stage; everybody fills the image. */
 function ceiling(middle: Vector, degrees: number): Camera {
   const [s, c] = [Math.sin((degrees * Math.PI) / 180), Math.cos((degrees * Math.PI) / 180)];
   const rows: Vector[] = [[1, 0, 0], [0, -s, -c], [0, c, -s]];

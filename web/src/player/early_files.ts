@@ -1,12 +1,12 @@
-/** What is fetched before the worker runs: the manifest, which the page requests before the player's script has arrived, and the
- * files with which playback begins. These wait for the script, with which they would share the line. */
+/** Files that are fetched before the worker runs: the manifest, which the page requests before the player's script has arrived,
+ * and those with which playback begins. These wait for the script, with which they would share the line. */
 
 import { inTime } from "../stream/errors.ts";
 import type { EarlyPorts } from "../worker/messages.ts";
 
-/** What the page leaves for the player. */
+/** Requests that the page leaves for the player. */
 export interface EarlyFiles {
-  /** Of the manifest, as in the player's `src`. */
+  /** The manifest's address, as in the player's `src`. */
   readonly address: string;
   /** The manifest; null if the request has failed. */
   readonly response: Promise<Response | null>;

@@ -22,7 +22,7 @@ interface Requested {
   readonly lap: number;
 }
 
-/** What a player reports to those that show it. */
+/** Events of a player. */
 export interface PlayerEvents extends Pick<StreamEvents, "opened" | "grown" | "fetched" | "updated" | "notice" | "failed"> {
   /** The first image is on the canvas. */
   ready: undefined;
@@ -42,7 +42,7 @@ export interface PlayerEvents extends Pick<StreamEvents, "opened" | "grown" | "f
   sound: undefined;
 }
 
-/** What is shown of a frame. */
+/** The place of a frame that is shown. */
 export interface Shown {
   readonly frame: number;
   readonly group: number;

@@ -16,7 +16,7 @@ const UNSORTED: DepthAxis = [0, 0, 0, 0]; // no view has this axis: the next vie
 
 export class Player extends Playback<Picture> {
   readonly camera = new OrbitCamera();
-  /** What the frame on the canvas is from: its group, in the rendition that was chosen for it. */
+  /** The group of the frame on the canvas, in the rendition that was chosen for it. */
   group: Rendition | null = null;
   readonly screen: Screen;
   /** Whether a link to a moment was opened: who opens it wants to see it, rather than a large button. */
@@ -33,7 +33,7 @@ export class Player extends Playback<Picture> {
   private needsSetup = false;
   private outside: Renderer | null = null; // the renderer of the page while an immersive session has its own
   private head: Pinhole | null = null; // the center of the viewer's head in an immersive session
-  /** Of the next animation frame; 0 before the first image, until which nothing is due. */
+  /** The next animation frame's handle; 0 before the first image, until which nothing is due. */
   private handle = 0;
   private handlerTime = 0;
 
@@ -98,7 +98,7 @@ export class Player extends Playback<Picture> {
     if (this.shown !== null && !this.hidden_) this.handle = requestAnimationFrame(this.tick);
   }
 
-  /** What is on the canvas, as the address of an image; null if there is nothing. */
+  /** The image on the canvas, as an address; null if there is none. */
   snapshot(): string | null {
     if (this.shown === null || this.outside !== null) return null;
     this.screen.render(performance.now());

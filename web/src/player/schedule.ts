@@ -1,4 +1,4 @@
-/** Which frame is shown after another one: over skipped groups, around the end of a loop, up to the newest of a live stream. */
+/** The choice of the frame after another one: over skipped groups, around the end of a loop, up to the newest of a live stream. */
 
 import { groupOfFrame, type Span } from "../stream/manifest.ts";
 
@@ -23,7 +23,7 @@ export function playable({ groups, leftOut }: Course, frame: number): number | n
   return null;
 }
 
-/** What to show when `frame` is due, which may be past the end: "end" if playback stops, "wait" if frames may still come.
+/** Decides what to show when `frame` is due, which may be past the end: "end" if playback stops, "wait" if frames may still come.
  * Returns the frame; what to add to it on a clock that continues past the end; whether groups are skipped. */
 export function dueFrame(course: Course, frame: number): { frame: number; lap: number; skips: boolean } | "wait" | "end" {
   const past = frame >= course.frameCount;

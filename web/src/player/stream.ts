@@ -47,7 +47,7 @@ export class V3Stream extends Emitter<StreamEvents> {
   info: StreamInfo | null = null;
   /** How images are decoded. */
   path: DecodePath | null = null;
-  /** What is in memory, and what has come over the network. */
+  /** Groups in memory, and what has come over the network. */
   fetched: StreamEvents["fetched"] = NOTHING;
   /** Groups that cannot be played, and why. */
   readonly leftOut = new Map<number, string>();

@@ -7,7 +7,7 @@ import { inTime, messageOf, StreamError } from "../stream/errors.ts";
 import type { Video, VideoTime } from "../worker/messages.ts";
 
 const PATIENCE = 20_000; // milliseconds to wait for an image
-/** The same if the browser may not report presented images: on hidden pages, or if it does not support that. */
+/** Milliseconds to wait if the browser may not report presented images: on hidden pages, or if it does not support that. */
 const UNREPORTED = 2_000;
 
 const FRAGMENT = `#version 300 es

@@ -94,7 +94,7 @@ export function centerOf({ rotation: r, translation: t }: Pinhole): Vec3 {
   return [0, 1, 2].map((k) => -(r[k] * t[0] + r[3 + k] * t[1] + r[6 + k] * t[2])) as Vec3;
 }
 
-/** Where a world point is in the image; null if it is behind the camera. */
+/** The place of a world point in the image; null if it is behind the camera. */
 export function placeIn({ rotation: r, translation: t, fx, fy, cx, cy }: Pinhole, point: Vector): [number, number] | null {
   const [x, y, z] = [0, 1, 2].map((k) => r[3 * k] * point[0] + r[3 * k + 1] * point[1] + r[3 * k + 2] * point[2] + t[k]);
   return z <= 1e-6 ? null : [(fx * x) / z + cx, (fy * y) / z + cy];
@@ -202,7 +202,7 @@ export class OrbitCamera {
     return { azimuth, elevation: Math.asin(Math.max(-1, Math.min(1, -steep))) * DEGREES };
   }
 
-  /** Where the viewer of a view is. */
+  /** The place of the viewer of a view. */
   eyeOf({ azimuth, elevation, distance, target }: View): Vec3 {
     return add(target, this.forwardOf(azimuth, elevation), -distance);
   }

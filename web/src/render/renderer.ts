@@ -25,7 +25,7 @@ class Resources {
   /** Splats with escapes: see `escapedSplats`. */
   readonly escapedLuma: Texture;
   readonly escapedStatics: Texture;
-  /** What the first pass writes: the tile of all splats, and above it the tile of those with escapes. */
+  /** Output of the first pass: the tile of all splats, and above it the tile of those with escapes. */
   readonly words: readonly [Texture, Texture];
   readonly wordsFrame: WebGLFramebuffer;
   readonly order: Texture;
@@ -104,7 +104,7 @@ export interface DrawnView {
   readonly viewport: Viewport;
 }
 
-/** What is derived from a group once. */
+/** Values that are derived from a group once. */
 interface RenderedGroup extends Pick<GroupSetup, "group" | "statics"> {
   readonly layout: PictureLayout;
   readonly units: Float32Array;
@@ -133,7 +133,7 @@ export class Renderer {
   /** Side of the tile of splats with escapes; 0 if the frame has none. */
   private escapedSide = 0;
   private escapedPixels = new Uint32Array(0);
-  /** By pixel, where the words of a splat with escapes are; 0 for others. */
+  /** Places of the words of splats with escapes, by pixel; 0 for others. */
   private moved = new Uint32Array(0);
   private count = 0;
 

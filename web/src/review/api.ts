@@ -1,4 +1,4 @@
-/** What the page and `v3studio serve --review` send each other; `pipelines/review/messages.py` has the same. */
+/** Messages between the page and `v3studio serve --review`, as in `pipelines/review/messages.py`. */
 
 import { isVector, type Vector } from "../stream/metadata.ts";
 
@@ -17,7 +17,7 @@ export interface MetricCurves {
 }
 
 export interface QualityCurves {
-  /** Those that were measured; the first one is plotted. */
+  /** The metrics that were measured; the first is plotted. */
   readonly metrics: readonly MetricCurves[];
   readonly bytes: readonly (number | null)[];
   readonly held_out: boolean;
@@ -41,7 +41,7 @@ export interface ReviewData {
   readonly problems: readonly string[];
 }
 
-/** From where a mark was made, in world coordinates, and what was compared. */
+/** The place from which a mark was made, in world coordinates, and what was compared. */
 export interface MarkView {
   readonly eye: Vector;
   readonly target: Vector;

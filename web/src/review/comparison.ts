@@ -15,7 +15,7 @@ const [START, END] = ["Compare with footage", "End comparison"];
 export class Comparison {
   /** Begins and ends it. */
   readonly button = make("button", { type: "button", "aria-pressed": "false", title: "Compare with footage (W)" }, START);
-  /** What is compared; hidden while nothing is. */
+  /** The choice of what is compared; hidden while nothing is. */
   readonly choices: HTMLElement;
   private readonly wipe: Wipe;
   private readonly select = make("select", { "aria-label": "Compare with the footage of a camera" });
@@ -75,7 +75,7 @@ export class Comparison {
     return this.cameras.reduce((best, camera) => (along(camera) > along(best) ? camera : best)).name;
   }
 
-  /** What is on the screen, for a mark. */
+  /** The view on the screen, for a mark. */
   get view(): MarkView {
     const { camera, player } = this;
     const orbit = player.camera;

@@ -2,7 +2,7 @@
 
 export type Series = readonly (number | null)[];
 
-/** Where a frame is in a plot, 0 to 1, as on the player's timeline. */
+/** The place of a frame in a plot, 0 to 1, as on the player's timeline. */
 export const placeOf = (frame: number, count: number): number => (count > 1 ? frame / (count - 1) : 0.5);
 
 /** The frame at a place, 0 to 1. */
@@ -17,7 +17,7 @@ export function curveRange(...series: readonly Series[]): [number, number] | nul
   return [low, Math.max(Math.ceil(Math.max(...known)), low + 2)];
 }
 
-/** From zero to the first tick at or above all values. */
+/** The range from zero to the first tick at or above all values. */
 export function sizeRange(series: Series): [number, number] | null {
   const known = series.filter((value) => value !== null);
   if (known.length === 0) return null;

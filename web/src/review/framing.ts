@@ -1,4 +1,4 @@
-/** Which part of a camera's image is shown, and where. */
+/** The part of a camera's image that is shown, and its place. */
 
 import { type Box, cornersOf, pinholeOf, placeIn } from "../render/camera.ts";
 import type { Camera } from "../stream/metadata.ts";
@@ -61,7 +61,7 @@ export function cameraOf({ K, world_to_camera }: ReviewCamera, part: Part): Came
   };
 }
 
-/** Where the whole image is on a canvas on which the part is as large as possible, in the middle. */
+/** The place of the whole image on a canvas on which the part is as large as possible, in the middle. */
 export function placed(camera: ReviewCamera, part: Part, width: number, height: number): Part {
   const scale = Math.min(width / part.width, height / part.height);
   return {

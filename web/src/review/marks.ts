@@ -39,7 +39,7 @@ export class Marks {
   private readonly author = make("input", { maxlength: String(MAX_NAME), placeholder: "Your name", "aria-label": "Your name", autocomplete: "name", enterkeyhint: "done" });
   private readonly remove = make("button", { type: "button" }, "Remove mark");
   private readonly save = make("button", { type: "submit", class: "add" }, "Save");
-  /** What went wrong. */
+  /** A sentence that says what went wrong. */
   readonly problem = make("p", { class: "problem trouble", role: "alert" });
   private marks: readonly Mark[] = [];
   private editing: { frame: number; replaces: MarkContent | null } | null = null;

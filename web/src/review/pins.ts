@@ -22,7 +22,7 @@ export class Pins {
   private readonly layer = make("div", { class: "pins" });
   private marks: readonly Mark[] = [];
   private writing = false;
-  /** Of the note that is being written; null for none. */
+  /** The place of the note that is being written; null for none. */
   chosen: Vector | null = null;
 
   constructor(private readonly player: Player) {

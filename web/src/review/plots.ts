@@ -102,7 +102,7 @@ export class Plots {
     if (this.hovered === null) this.write();
   }
 
-  /** Also shows curve and figure of this camera; null for none. */
+  /** Shows curve and figure of this camera; null for none. */
   compare(camera: string | null): void {
     this.camera = camera;
     // the only camera's curve is the mean

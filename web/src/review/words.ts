@@ -1,4 +1,4 @@
-/** What a client reads first: in plain words, how good the take is, how good the frame on the screen is, and where to look. */
+/** The words that a client reads first: how good the take is, how good the frame on the screen is, and where to look. */
 
 import type { Player } from "../player/player.ts";
 import { make } from "../ui/dom.ts";

@@ -15,7 +15,7 @@ export class Rebaked extends StreamError {
   }
 }
 
-/** The same, but fails if it takes longer. */
+/** A promise of the same result, which fails if it takes longer. */
 export function inTime<T>(work: Promise<T>, milliseconds: number, late: () => Error): Promise<T> {
   let timer: ReturnType<typeof setTimeout> | undefined;
   const never = new Promise<never>((_, reject) => {

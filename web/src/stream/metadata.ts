@@ -1,4 +1,4 @@
-/** What the metadata tells players (docs/STREAM.md, "Metadata"). It is optional: what is not well-formed is ignored. */
+/** The metadata that players use (docs/STREAM.md, "Metadata"). It is optional: what is not well-formed is ignored. */
 
 /** Largest number in a stream, a view or a mark: everything that is computed from it stays finite. */
 export const MAX_VALUE = 1e9;
@@ -13,7 +13,7 @@ export interface Camera {
   readonly worldToCamera: readonly (readonly number[])[];
 }
 
-/** From where the splats can be viewed. */
+/** The places from which the splats can be viewed. */
 export interface ViewRange {
   /** The middle of the scene, world units. */
   readonly center: Vector;

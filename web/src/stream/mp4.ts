@@ -19,7 +19,7 @@ export interface Sample {
 export interface VideoIndex {
   readonly codec: Codec["name"];
   readonly config: VideoDecoderConfig & { readonly codedWidth: number; readonly codedHeight: number };
-  /** In the order of decoding, which differs from that of display where there are B-frames. */
+  /** The samples in the order of decoding, which differs from that of display where there are B-frames. */
   readonly samples: readonly Sample[];
 }
 
@@ -148,7 +148,7 @@ export function inDisplayOrder(timestamps: readonly number[]): number[] {
   return places;
 }
 
-/** For each image: how many samples hold it and all images before it. B-frames need some that come later. */
+/** Number of samples that hold an image and all before it, for each. B-frames need some that come later. */
 export function samplesNeeded(samples: readonly Pick<Sample, "picture">[]): number[] {
   const needed = new Array<number>(samples.length).fill(0);
   samples.forEach(({ picture }, at) => {
@@ -165,7 +165,7 @@ function sampleSizes(box: Box, most: number): number[] {
   return Array.from({ length: count }, (_, i) => same || box.u32(12 + 4 * i));
 }
 
-/** Where each sample is: samples lie one after the other in chunks. */
+/** The place of each sample: samples lie one after the other in chunks. */
 function sampleOffsets(table: Box, sizes: readonly number[]): number[] {
   const boxes = table.children();
   const wide = !boxes.has("stco");
@@ -203,7 +203,7 @@ function keySamples(table: Box): Set<number> | null {
   return box === undefined ? null : new Set(Array.from({ length: Math.min(box.u32(4), 10_000) }, (_, i) => box.u32(8 + 4 * i) - 1));
 }
 
-/** What the edit list skips, in the media's time. */
+/** The time that the edit list skips, in the media's units. */
 function firstMediaTime(track: Box): number {
   const list = track.children().get("edts")?.children().get("elst");
   if (list === undefined || list.u32(4) === 0) return 0;

@@ -1,7 +1,7 @@
 /** Sorts splats back to front: a counting sort of 16-bit depths. */
 
 const BINS = 1 << 16;
-/** As in studio.rasterizer: splats nearer than this are not rendered. */
+/** Splats nearer than this are not rendered, as in studio.rasterizer. */
 export const NEAR = 0.01;
 
 /** Sorts splats by depth; reuses its memory between calls. */

@@ -1,4 +1,4 @@
-/** What the viewer can do with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists the same. */
+/** Actions of the viewer with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists them, too. */
 
 import type { Controls } from "./controls.ts";
 import type { Words } from "./words.ts";
@@ -6,7 +6,7 @@ import type { Words } from "./words.ts";
 const kbd = (...keys: readonly string[]): string =>
   keys.map((key) => `<kbd>${key.length === 1 ? key.toUpperCase().replace("<", "&lt;") : key}</kbd>`).join(" ");
 
-/** What something does, and how: with fingers, and with mouse and keys. HTML. */
+/** An action's name, and how it is done with fingers, and with mouse and keys. HTML. */
 export interface HelpLine {
   readonly what: string;
   readonly touch?: string;
@@ -16,7 +16,7 @@ export interface HelpLine {
 interface Action {
   /** A line of *Help*, to which the keys are added; gestures are in motion.ts and timeline.ts. HTML. */
   readonly help?: (words: Words) => HelpLine;
-  /** As in `KeyboardEvent.key`; letters in lower case. */
+  /** Values of `KeyboardEvent.key`; letters in lower case. */
   readonly keys?: readonly string[];
   /** `data-act` of its buttons (template.ts). */
   readonly act?: string;
@@ -24,7 +24,7 @@ interface Action {
   readonly run?: (controls: Controls, key: string) => void;
 }
 
-/** In the order of *Help*. */
+/** All actions, in the order of *Help*. */
 const ACTIONS: readonly Action[] = [
   { help: (words) => ({ what: words.turn, touch: words.oneFinger, keys: `${words.leftButton}, ${kbd("←", "→", "↑", "↓")}` }) },
   { help: (words) => ({ what: words.move, touch: words.twoFingers, keys: `${words.rightButton}, <kbd>Shift</kbd> ${words.withAbove}` }) },

@@ -1,4 +1,4 @@
-/** What can be chosen: speeds and backgrounds in the settings, decoders by links and attributes. */
+/** Choices of the viewer and the author: speeds and backgrounds in the settings, decoders by links and attributes. */
 
 import type { Vector } from "../stream/metadata.ts";
 import type { DecodePath } from "../worker/messages.ts";

@@ -1,5 +1,5 @@
-/** Which players of a page may draw. Browsers keep 16 graphics contexts at most, some phones 8, and take the oldest away: its
- * canvas turns white. So a player that nobody sees gives its context to one that is seen, and shows a picture instead. */
+/** The choice of the players of a page that may draw. Browsers keep 16 graphics contexts at most, some phones 8, and take the
+ * oldest away: its canvas turns white. So a player that nobody sees gives its context to one that is seen, and shows a picture instead. */
 
 const MOST = 8;
 
@@ -13,7 +13,7 @@ export interface Tenant {
   admit(): void;
 }
 
-/** Those that draw, the one that began first at the beginning. */
+/** The players that draw, in the order in which they began. */
 const tenants = new Set<Tenant>();
 const waiting = new Set<Tenant>();
 

@@ -1,4 +1,4 @@
-/** What the controls do and show: playback, sheets, sound, full screen, VR and AR. */
+/** The controls' behavior: playback, sheets, sound, full screen, VR and AR. */
 
 import type { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
@@ -207,7 +207,7 @@ export class Controls {
     this.noticeTimer = setTimeout(() => element.classList.remove("shown"), NOTICE);
   }
 
-  /** For screen readers only. */
+  /** Tells screen readers only. */
   private say(text: string): void {
     this.part(".spoken").textContent = text;
   }
@@ -219,7 +219,7 @@ export class Controls {
 
   // What the viewer does ----------------------------------------------------------------------------------------------
 
-  /** By the viewer, whose input also allows sound. */
+  /** Plays or pauses for the viewer, whose input also allows sound. */
   togglePlay(): void {
     const { player, host } = this;
     if (player.playing) {

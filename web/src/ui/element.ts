@@ -121,7 +121,7 @@ export class V3PlayerElement extends Base implements Tenant {
   #seen = false;
   #isReady = false;
   #wantsToPlay = false;
-  /** Where and from where to begin: of a link, or as it was before its context was given to another player. */
+  /** The time and view to begin with: a link's, or those before the context was given to another player. */
   #startAt: number | null = null;
   #startView: PartialView | null = null;
   #speed = 1;
@@ -240,7 +240,7 @@ export class V3PlayerElement extends Base implements Tenant {
     this.#setLoop();
   }
 
-  /** What is behind the splats, the attribute `background`: a name as in the URL parameters. RangeError: another name. */
+  /** Sets the background, the attribute `background`: a name as in the URL parameters. RangeError: another name. */
   setBackground(name: BackgroundName): void {
     this.background = readBackground(name);
   }
@@ -256,7 +256,7 @@ export class V3PlayerElement extends Base implements Tenant {
     this.open(file);
   }
 
-  /** Also sent to a page that embeds the player in an iframe. */
+  /** The state, which is also sent to a page that embeds the player in an iframe. */
   get state(): V3PlayerState {
     const player = this.#engine;
     return {

@@ -1,4 +1,4 @@
-/** What is loaded once there is an image: controls, intros, VR and AR. */
+/** The part that is loaded once there is an image: controls, intros, VR and AR. */
 
 import type { Player } from "../player/player.ts";
 import { listen } from "./actions.ts";

@@ -22,11 +22,11 @@ export const helpRow = ({ what, touch, keys }: HelpLine): string => {
   return `<tr class="${only}"><th scope="row">${what}</th><td>${cells}</td></tr>`;
 };
 
-/** Of a sheet. */
+/** The heading of a sheet, with its close button. */
 const heading = (title: string, words: Words): string =>
   `<h2>${title} <button type="button" class="close" data-act="close" aria-label="${words.close}" title="${words.close}">${ICONS.close}</button></h2>`;
 
-/** Shown where the device has them. */
+/** The buttons of VR and AR, which are shown where the device has them. */
 const immersions = (words: Words, more: string): string =>
   button("vr", words.vr, "VR", more) + button("ar", words.ar, "AR", more);
 

@@ -10,7 +10,7 @@ const VIEW =
   "setView requires an object with some of azimuth, elevation, distance (above 0) and target ([x, y, z]), " +
   'or text such as "30,10"';
 
-/** What was passed, for messages. */
+/** The passed value, for messages. */
 const shown = (value: unknown): string =>
   typeof value === "object" && value !== null ? "an object" : typeof value === "string" ? `"${value.slice(0, 60)}"` : String(value);
 
@@ -61,10 +61,10 @@ export function readView(value: unknown): PartialView {
 export interface Parameters {
   /** Attributes of the element that they set. */
   readonly attributes: ReadonlyMap<string, string>;
-  /** Where to start, in seconds. */
+  /** The time to start at, in seconds. */
   readonly time: number | null;
   readonly view: PartialView | null;
-  /** What cannot be used, in a viewer's words. */
+  /** The unusable parameters, in a viewer's words. */
   readonly ignored: readonly string[];
 }
 

@@ -38,7 +38,8 @@ const ENGLISH = {
     stream: "Stream", rendition: "Rendition", player: "Player", checked: "Checked",
   },
   of: (part: string, whole: string) => `${part} of ${whole}`, perFrame: "per frame", perGroup: "per group", isPaused: "paused",
-  frames: (count: string) => (count === "1" ? "1 frame" : `${count} frames`), stalls: "stalls", sizesOnly: "sizes only; SHA-256 requires HTTPS", sizes: "sizes and SHA-256",
+  frames: (count: string) => (count === "1" ? "1 frame" : `${count} frames`), stalls: "stalls",
+  sizesOnly: "sizes only; SHA-256 requires HTTPS", sizes: "sizes and SHA-256",
   placeAR: "Look at a table or the floor. Tap to place.", adjustAR: "Pinch to scale and turn. Tap to move it.",
 };
 
@@ -83,7 +84,8 @@ const GERMAN: Words = {
     received: "Empfangen", stream: "Stream", rendition: "Fassung", player: "Player", checked: "Geprüft",
   },
   of: (part, whole) => `${part} von ${whole}`, perFrame: "je Bild", perGroup: "je Gruppe", isPaused: "angehalten",
-  frames: (count) => (count === "1" ? "1 Bild" : `${count} Bildern`), stalls: "Stockungen", sizesOnly: "nur Größen; SHA-256 braucht HTTPS", sizes: "Größen und SHA-256",
+  frames: (count) => (count === "1" ? "1 Bild" : `${count} Bildern`), stalls: "Stockungen",
+  sizesOnly: "nur Größen; SHA-256 braucht HTTPS", sizes: "Größen und SHA-256",
   placeAR: "Blicken Sie auf einen Tisch oder den Boden. Tippen Sie zum Hinstellen.", adjustAR: "Zwei Finger skalieren und drehen. Tippen versetzt es.",
 };
 

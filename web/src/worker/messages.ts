@@ -5,7 +5,7 @@ import type { SplatArrays } from "../stream/manifest_types.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "./source.ts";
 
-/** By path in the stream, where files arrive that the page has begun to fetch. */
+/** Ports at which files arrive that the page has begun to fetch, by their paths in the stream. */
 export type EarlyPorts = Readonly<Record<string, MessagePort>>;
 
 /** The next chunk of a file; at its end, the milliseconds that it took, or null if it is not complete: the worker is to try,
@@ -32,7 +32,7 @@ export interface StreamOptions {
 
 export interface OpenRequest extends Required<StreamOptions> {
   readonly type: "open";
-  /** Of the stream among those that were opened; the worker's messages about it have the same. */
+  /** The stream's number among those that were opened, which the worker's messages about it repeat. */
   readonly number: number;
   readonly source: StreamSource;
   readonly early: EarlyPorts;
@@ -40,7 +40,7 @@ export interface OpenRequest extends Required<StreamOptions> {
   readonly maxTexture: number;
 }
 
-/** What the page asks of an opened stream. */
+/** Requests of the page to an opened stream. */
 export type SessionRequest =
   /** Decode a frame and sort it along the axis: the event `picture`; null for its splats as arrays. The latest request wins. */
   | { readonly type: "present"; readonly frame: number; readonly axis: DepthAxis | null; readonly seek: boolean }
@@ -82,14 +82,14 @@ export interface RenditionInfo {
   readonly bandwidth: number;
 }
 
-/** What the player needs to know about a stream. */
+/** A stream's properties, for the player. */
 export interface StreamInfo extends Metadata {
   readonly profile: "motion" | "planes";
   readonly codec: string;
   readonly fps: number;
   readonly frameCount: number;
   readonly shDegree: number;
-  /** Of all files, in all renditions. */
+  /** Bytes of all files, in all renditions. */
   readonly totalBytes: number;
   readonly renditions: readonly RenditionInfo[];
   readonly groups: readonly Span[];
@@ -103,7 +103,7 @@ export interface StreamInfo extends Metadata {
 
 /** Data shared by all frames of a group, for the renderer. */
 export interface GroupSetup {
-  /** In the rendition that was chosen for it. */
+  /** The group in the rendition that was chosen for it. */
   readonly group: Rendition;
   /** Milliseconds from the group's files to the first packet and the tables of its splats. */
   readonly prepare: number;
@@ -148,7 +148,7 @@ export interface Splats extends SplatArrays {
   readonly sh: Float32Array<ArrayBuffer>;
 }
 
-/** What the worker reports of a stream, by name; also the events of `V3Stream`. */
+/** Reports of the worker about a stream, by name; also the events of `V3Stream`. */
 export interface StreamEvents {
   /** The manifest has been read. */
   opened: StreamInfo;

@@ -20,7 +20,7 @@ const KEPT = 3; // number of groups kept
 
 export interface Prepared {
   readonly group: Rendition;
-  /** Of a group of the profile `motion`, else null. */
+  /** The tables of a group of the profile `motion`, else null. */
   readonly tables: MotionTables | null;
   readonly pictures: PictureSource;
   /** All files are there and verified; until then, there may be the first picture only. */

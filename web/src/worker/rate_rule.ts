@@ -1,4 +1,4 @@
-/** Which rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
+/** The choice of the rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
  * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js). */
 
 const MINIMUM = 4; // seconds of buffer

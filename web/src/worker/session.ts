@@ -303,7 +303,7 @@ export class Session {
   }
 }
 
-/** What has come over the network. */
+/** A count of what has come over the network. */
 class Received {
   bytes = 0;
   bandwidth = 0; // Mbit/s; 0 while it is not known
@@ -317,7 +317,7 @@ class Received {
   }
 }
 
-/** Where the files are, and the manifest's name there. */
+/** The source of the files, and the manifest's name there. */
 function openSource(
   source: StreamSource, early: EarlyPorts, received: Received, trouble: (message: string) => void,
 ): { source: Source; name: string } {

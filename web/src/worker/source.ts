@@ -1,4 +1,4 @@
-/** Where a stream's files come from, and verifying them. */
+/** Sources of a stream's files, and their verification. */
 
 import { StreamError } from "../stream/errors.ts";
 import type { FileEntry } from "../stream/manifest.ts";

@@ -19,7 +19,7 @@ export function splatArrays(pool: Pool, count: number, shDegree: number): SplatA
   return Object.fromEntries(arrays) as SplatArrays;
 }
 
-/** Where a channel's values go: an array, the distance from one splat's value to the next, and the place of the first. */
+/** The destination of a channel's values: an array, the distance from one splat's value to the next, and the place of the first. */
 type Target = readonly [array: Float32Array, stride: number, first: number];
 
 const clamped = (value: number): number => Math.min(Math.max(value, 0), 1);
@@ -91,7 +91,7 @@ function normalize(quats: Float32Array): void {
 
 const SWEEPS = 3;
 
-/** From shapes (xx, yy, zz at 1 to 3 of each quaternion, xy, xz, yz in the scales) to rotations and scales within the blocks:
+/** Turns shapes (xx, yy, zz at 1 to 3 of each quaternion, xy, xz, yz in the scales) into rotations and scales within the blocks:
  * Jacobi rotations, as in studio/stream/shapes.py. */
 function findAxes(quats: Float32Array, scales: Float32Array): void {
   // Entry (p, q) is at 2 + p + q, entry (p, p) at p.
@@ -145,7 +145,7 @@ function rotate(shape: Float64Array, quat: Float64Array, a: number, b: number, a
   quat[last] = z * half - y * turned;
 }
 
-/** From rotations within the blocks to those in the world. */
+/** Turns rotations within the blocks into those in the world. */
 function turn(quats: Float32Array, labels: ArrayLike<number>, blocks: Float32Array): void {
   for (let q = 0, i = 0; q < quats.length; q += 4, i++) {
     const w = quats[q];
@@ -164,7 +164,7 @@ function turn(quats: Float32Array, labels: ArrayLike<number>, blocks: Float32Arr
   }
 }
 
-/** From luma, orange and green to RGB. */
+/** Turns luma, orange and green into RGB. */
 function mixColors(sh: Float32Array): void {
   for (let k = 0; k < sh.length; k += 3) {
     const luma = sh[k];

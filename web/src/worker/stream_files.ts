@@ -12,7 +12,7 @@ export class StreamFiles {
   replaced = false;
   /** Set once it was read, and again when a live stream has more groups. */
   manifest!: Manifest;
-  /** By path, so that the unchanged pages of a live stream are not read again. */
+  /** Pages by path, so that the unchanged pages of a live stream are not read again. */
   private readonly pages = new Map<string, Promise<readonly GroupEntry[]>>();
 
   /** `name`: of the manifest in the source. `rebaked`: called when another bake has replaced the stream. */

@@ -31,7 +31,7 @@ export async function hasImmersion(kind: Immersion): Promise<boolean> {
 type Point = readonly [number, number];
 
 export class Immersive {
-  /** Called from a click: browsers start sessions only then. `hint`: for the viewer, in AR on top of the camera's image. */
+  /** Starts a session. Call it from a click: browsers start sessions only then. `hint`: for the viewer, in AR on top of the camera's image. */
   static async start(
     kind: Immersion, player: Player, overlay: HTMLElement, hint: (placed: boolean) => void, ended: () => void,
   ): Promise<Immersive> {
@@ -59,7 +59,7 @@ export class Immersive {
   readonly placement: Placement;
   /** Fraction of the layer's resolution that is drawn. */
   readonly resolution = new Resolution();
-  /** Of the last frame, for tests: the eyes' cameras and where they are in the layer. */
+  /** The eyes' cameras of the last frame and their places in the layer, for tests. */
   views: readonly DrawnView[] = [];
   private readonly stop = new AbortController();
   /** Whether it stands where it is; if not, it follows the surface that the viewer looks at, or waits for a first pose. */
@@ -178,7 +178,7 @@ export class Immersive {
     if (elapsed > 0) this.resolution.measured(elapsed);
   };
 
-  /** In AR, until it is placed, it stands where the viewer looks. */
+  /** Puts the stream where the viewer looks, in AR until it is placed. */
   private lookAtSurface(frame: XRFrame, pose: XRViewerPose): void {
     if (this.hits === null || this.placed) return;
     const hit = frame.getHitTestResults(this.hits).at(0)?.getPose(this.space);

@@ -1,4 +1,4 @@
-/** Where a stream stands in the room: a floor point, a turn about the vertical, and a scale. Pure functions and values. */
+/** The place of a stream in the room: a floor point, a turn about the vertical, and a scale. Pure functions and values. */
 
 import { add, type Box, cross, dot, middleOf, type Pinhole, unit, type Vec3 } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
@@ -39,7 +39,7 @@ export class Placement {
   scale: number;
   /** Radians about the vertical; 0: the suggested camera looks along the room's -z. */
   turn = 0;
-  /** Where the middle of the floor is in the room, in meters. */
+  /** The middle of the floor in the room, in meters. */
   place: Vec3 = [0, 0, -AWAY];
 
   /** @param small - to be placed on a table, instead of in a room */
