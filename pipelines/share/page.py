@@ -222,13 +222,11 @@ def _early_files(stream: str, first: Sequence[str]) -> str:
     address = _in_json(json.dumps(stream))
     addresses = _in_json(json.dumps({path: folder + path for path in first}))
     return f"""<script>
-{{
-  window.v3Early = {{
-    address: {address},
-    response: fetch({address}, {{ cache: "no-cache" }}).catch(() => null),
-    files: new URLSearchParams(location.search).has("t") ? {{}} : {addresses},
-  }};
-}}
+window.v3Early = {{
+  address: {address},
+  response: fetch({address}, {{ cache: "no-cache" }}).catch(() => null),
+  files: new URLSearchParams(location.search).has("t") ? {{}} : {addresses},
+}};
 </script>"""
 
 

@@ -13,6 +13,7 @@ import psutil
 import pytest
 import support
 from driver import Baked, OpenPage, Page, Site
+from PIL import Image
 
 from tests.support.shared import made_once
 
@@ -143,16 +144,18 @@ def browser(chromium: _Chromium) -> Iterator[Any]:
 
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
-    """A web server for a folder that contains only the player."""
+    """A web server for a folder that contains only the player and a poster."""
     folder = tmp_path / "site"
     shutil.copytree(PLAYER, folder)
+    Image.new("RGB", (8, 8)).save(folder / "poster.png")
     with Site(folder) as server:
         yield server
 
 
 @pytest.fixture
 def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[OpenPage]:
-    """`open_page(query, ...)`: the player's page on the stream in `site.stream`; `address`: any other page."""
+    """`open_page(query, ...)`: the player's page on the stream in `site.stream`; `html`: a page of this text beside it,
+    `address`: any other page."""
     pages: list[Page] = []
     with ExitStack() as opened:
 
@@ -161,13 +164,16 @@ def open_page(chromium: _Chromium, browser: Any, site: Site) -> Iterator[OpenPag
             *scripts: str,
             size: tuple[int, int] = (320, 240),
             wait: bool = True,
-            path: str = "/",
+            html: str | None = None,
             address: str | None = None,
             **options: Any,
         ) -> Page:
             page = opened.enter_context(chromium.page(size, *scripts, **options))
             pages.append(page)
-            page.handle.goto(address or f"http://127.0.0.1:{site.port}{path}{query}")
+            if html is not None:
+                (site.folder / "host.html").write_text(html)
+            name = "" if html is None else "host.html"
+            page.handle.goto(address or f"http://127.0.0.1:{site.port}/{name}{query}")
             if wait:
                 page.wait_ready()
             return page

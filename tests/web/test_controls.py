@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import support
 from driver import Baked, OpenPage, Page, Site
-from PIL import Image
 
 from tests.support.streams import edit_manifest
 from v3studio.studio.coverage import view_range
@@ -295,15 +294,16 @@ def test_a_link_leads_to_the_same_moment_and_view(page: Page) -> None:
     assert all(part in notice for part in ("time", "view", "background", "decoder"))
 
 
-def test_an_iframe_is_commanded_by_messages(site: Site, stream: Path, open_page: OpenPage) -> None:
-    (site.folder / "host.html").write_text(
-        """<!doctype html><v3-player hidden></v3-player><iframe src="./?t=0" width="400" height="400"></iframe><script>
+def test_an_iframe_is_commanded_by_messages(stream: Path, open_page: OpenPage) -> None:
+    page = open_page(
+        html="""<!doctype html><v3-player hidden></v3-player>
+        <iframe src="./?t=0" width="400" height="400"></iframe><script>
         window.told = [];
         addEventListener('message', ({data}) => { if (data.v3player === 1) told.push(data); });
         window.send = (command, value) => frames[0].postMessage({v3player: 1, command, value}, '*');
-        </script>"""
+        </script>""",
+        wait=False,
     )
-    page = open_page(path="/host.html", wait=False)
     told = "window.told.some(m => m.event === argument)"
     page.wait(told, "ready")
     page.evaluate("() => send('seek', 0.24)")
@@ -332,14 +332,13 @@ def test_an_iframe_is_commanded_by_messages(site: Site, stream: Path, open_page:
 
 
 def test_the_component_in_another_page_with_a_poster(site: Site, stream: Path, open_page: OpenPage) -> None:
-    Image.new("RGB", (8, 8), (200, 30, 30)).save(site.folder / "poster.png")
-    (site.folder / "other.html").write_text(
-        """<!doctype html><h1>Text</h1>
-        <v3-player src="stream/" poster="poster.png" loop style="width: 300px; height: 300px"></v3-player>
-        <script type="module" src="v3-player.js"></script>"""
-    )
     site.bytes_per_second = 100_000
-    page = open_page(path="/other.html", wait=False)
+    page = open_page(
+        html="""<!doctype html><h1>Text</h1>
+        <v3-player src="stream/" poster="poster.png" loop style="width: 300px; height: 300px"></v3-player>
+        <script type="module" src="v3-player.js"></script>""",
+        wait=False,
+    )
     poster = page.handle.locator("v3-player .poster")
     page.wait("player?.shadowRoot?.querySelector('.poster img').complete")
     assert poster.is_visible()

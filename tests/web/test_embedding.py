@@ -5,23 +5,17 @@ from pathlib import Path
 
 import pytest
 from driver import Baked, OpenPage, Site
-from PIL import Image
 
 pytestmark = pytest.mark.web
 
 PAGE = """<!doctype html><meta name="viewport" content="width=device-width"><p>Text</p>
-<v3-player src="stream/" {attributes} style="width: 100%; height: 300px"></v3-player>
+<v3-player src="stream/" %s style="width: 100%%; height: 300px"></v3-player>
 <p style="height: 2000px">More text</p><script type="module" src="v3-player.js"></script>"""
-
-
-def open_host(site, open_page, attributes, **options):
-    (site.folder / "host.html").write_text(PAGE.format(attributes=attributes))
-    return open_page(path="/host.html", **options)
 
 
 def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(ladder=(16,), splats=300, clicks=(0.12,)), site.stream)
-    page = open_host(site, open_page, "controls muted autoplay loop", has_touch=True, is_mobile=True)
+    page = open_page(html=PAGE % "controls muted autoplay loop", has_touch=True, is_mobile=True)
     page.wait("player.state.playing && (seen.looped ?? []).length && player.engine.sound.present")
     assert page.state["muted"] is True
     page.swipe(((200, 200), (-120, 0)))
@@ -33,8 +27,8 @@ def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site: Site, baked
     assert page.state["view"]["elevation"] == pytest.approx(before["elevation"])
 
 
-def test_without_controls_there_are_none(stream: Path, site: Site, open_page: OpenPage) -> None:
-    page = open_host(site, open_page, "", reduced_motion="reduce")
+def test_without_controls_there_are_none(stream: Path, open_page: OpenPage) -> None:
+    page = open_page(html=PAGE % "", reduced_motion="reduce")
     for part in (".bar", ".start", ".hint"):
         assert not page.handle.locator(f"v3-player {part}").is_visible()
     page.handle.locator("v3-player .stage").press("?")
@@ -50,9 +44,7 @@ STRICT = """<!doctype html><meta http-equiv="Content-Security-Policy" content="{
 
 def open_strict(site, baked, open_page, policy, *scripts):
     shutil.copytree(baked(clicks=(0.12,)), site.stream)
-    Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
-    (site.folder / "host.html").write_text(STRICT.format(policy=policy))
-    return open_page("", *scripts, path="/host.html", wait=False)
+    return open_page("", *scripts, html=STRICT.format(policy=policy), wait=False)
 
 
 def test_under_the_policy_of_the_guide(site: Site, baked: Baked, open_page: OpenPage) -> None:
@@ -81,7 +73,7 @@ def test_a_policy_that_forbids_it_is_named(site: Site, baked: Baked, open_page: 
     assert page.handle.locator("v3-player .poster img").is_visible()
 
 
-def test_without_webgl_it_says_so_and_tries_again(site: Site, stream: Path, open_page: OpenPage) -> None:
+def test_without_webgl_it_says_so_and_tries_again(stream: Path, open_page: OpenPage) -> None:
     lose = """window.original = HTMLCanvasElement.prototype.getContext;
       HTMLCanvasElement.prototype.getContext = () => null;"""
     page = open_page("", lose, wait=False)
@@ -92,9 +84,8 @@ def test_without_webgl_it_says_so_and_tries_again(site: Site, stream: Path, open
     page.wait_ready()
 
 
-def test_a_sandbox_is_named(site: Site, stream: Path, open_page: OpenPage) -> None:
-    (site.folder / "host.html").write_text('<!doctype html><iframe sandbox="allow-scripts" src="./"></iframe>')
-    page = open_page(path="/host.html", wait=False)
+def test_a_sandbox_is_named(stream: Path, open_page: OpenPage) -> None:
+    page = open_page(html='<!doctype html><iframe sandbox="allow-scripts" src="./"></iframe>', wait=False)
     alert = page.handle.frame_locator("iframe").get_by_role("alert")
     alert.wait_for()
     assert "sandbox" in alert.inner_text()

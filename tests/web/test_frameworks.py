@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from driver import Baked, OpenPage, Site
-from PIL import Image
 
 from tests.support.shared import made_once
 from tests.support.waiting import wait_until
@@ -57,9 +56,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_framework_mounts_changes_and_removes_it(
     site: Site, stream: Path, open_page: OpenPage, pages: Path, framework: str
 ) -> None:
-    Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
     shutil.copytree(pages, site.folder, dirs_exist_ok=True)
-    page = open_page(path=f"/{framework}.html", wait=False, reduced_motion="reduce")
+    page = open_page(f"{framework}.html", wait=False, reduced_motion="reduce")
     page.wait("window.show")
     page.evaluate("values => window.show(values)", FIRST)
     page.wait("player?.state?.ready && player.ui")
@@ -82,8 +80,7 @@ def test_a_framework_mounts_changes_and_removes_it(
 
 
 def test_calls_before_it_is_in_the_page(site: Site, stream: Path, open_page: OpenPage) -> None:
-    (site.folder / "host.html").write_text('<!doctype html><script type="module" src="v3-player.js"></script>')
-    page = open_page(path="/host.html", wait=False)
+    page = open_page(html='<!doctype html><script type="module" src="v3-player.js"></script>', wait=False)
     page.wait("customElements.get('v3-player')")
     page.evaluate(
         """() => {
@@ -129,9 +126,7 @@ def players(attributes: str, count: int) -> str:
 def test_many_on_a_page(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """Players that are seen are fetched and drawn, at most eight; others show a picture."""
     shutil.copytree(baked(splats=300), site.stream)
-    Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
-    (site.folder / "host.html").write_text(players("loop", 20))
-    page = open_page(path="/host.html", wait=False, size=(640, 400))
+    page = open_page(html=players("loop", 20), wait=False, size=(640, 400))
     live = "[...document.querySelectorAll('v3-player')].filter(one => one.engine !== null)"
     page.wait(f"{live}.length >= 3 && {live}.every(one => one.state.ready)")
     assert page.evaluate(f"() => {live}.length") < 8
@@ -150,10 +145,8 @@ def test_many_on_a_page(site: Site, baked: Baked, open_page: OpenPage) -> None:
 
 def test_one_that_nobody_sees_stands_still(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(splats=300), site.stream)
-    (site.folder / "host.html").write_text(
-        MANY % '<v3-player src="stream/" loop></v3-player><p style="height: 3000px"></p>'
-    )
-    page = open_page(path="/host.html", size=(640, 400))
+    html = MANY % '<v3-player src="stream/" loop></v3-player><p style="height: 3000px"></p>'
+    page = open_page(html=html, size=(640, 400))
     page.call("play")
     page.wait("player.state.frame > 0")
     page.evaluate("() => scrollTo(0, 2500)")
@@ -173,9 +166,8 @@ def test_one_that_nobody_sees_stands_still(site: Site, baked: Baked, open_page: 
 def test_nothing_is_fetched_before_it_is_played(
     site: Site, stream: Path, open_page: OpenPage, preload: str, posters: int
 ) -> None:
-    Image.new("RGB", (8, 8)).save(site.folder / "poster.png")
-    (site.folder / "host.html").write_text(players(f'preload="{preload}"', 1))
-    page = open_page(path="/host.html", wait=False, reduced_motion="reduce", locale="de-DE")
+    html = players(f'preload="{preload}"', 1)
+    page = open_page(html=html, wait=False, reduced_motion="reduce", locale="de-DE")
     page.wait("player?.seen")
     start = page.handle.locator("v3-player .start")
     start.wait_for()

@@ -45,8 +45,7 @@ PLAY = """async ([url, patience]) => {
 def test_mutated_streams(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """In one page: each is played or rejected with a sentence."""
     files = contents(baked())
-    (site.folder / "hostile.html").write_text(PAGE)
-    page = open_page(path="/hostile.html", wait=False)
+    page = open_page(html=PAGE, wait=False)
     page.wait("customElements.get('v3-player')")
     outcomes = []
     for number in range(COUNT):

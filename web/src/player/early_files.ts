@@ -11,7 +11,7 @@ export interface EarlyFiles {
   /** The manifest; null if the request has failed. */
   readonly response: Promise<Response | null>;
   /** Addresses of the first files by their paths in the stream. */
-  readonly files?: Readonly<Record<string, string>>;
+  readonly files: Readonly<Record<string, string>>;
 }
 
 declare global {
@@ -29,7 +29,7 @@ export function takeEarlyFiles(url: string): EarlyPorts {
   if (early === undefined || new URL(early.address, document.baseURI).href !== url) return {};
   delete window.v3Early;
   const manifest = new URL(url).pathname.split("/").at(-1)!;
-  const files = Object.entries(early.files ?? {}).map(([path, file]) => [path, fetch(file).catch(() => null)] as const);
+  const files = Object.entries(early.files).map(([path, file]) => [path, fetch(file).catch(() => null)] as const);
   return Object.fromEntries([[manifest, early.response] as const, ...files].map(([path, response]) => {
     const { port1, port2 } = new MessageChannel();
     void send(port1, response);

@@ -1,13 +1,13 @@
 /** Renders frames to the canvas: from the orbit camera or a fixed one, at a resolution that keeps up. */
 
 import type { OrbitCamera, Pinhole, View } from "../render/camera.ts";
+import { resize, sizeOf } from "../render/gl.ts";
 import { Renderer } from "../render/renderer.ts";
 import type { Vector } from "../stream/metadata.ts";
 import { Resolution } from "./resolution.ts";
 import type { Statistics } from "./statistics.ts";
 
 const SETTLE = 200; // milliseconds without a change after which the image is rendered at full resolution
-const MAX_PIXEL_RATIO = 2; // phones have up to four times as many pixels as a viewer can resolve
 
 export class Screen {
   /** Replaced by that of an immersive session while there is one. */
@@ -72,11 +72,7 @@ export class Screen {
     if (renderer.lost || renderer.busy) return;
     this.finished(now);
     this.renderedAt = now;
-    const [width, height] = this.canvasSize();
-    if (canvas.width !== width || canvas.height !== height) {
-      canvas.width = width;
-      canvas.height = height;
-    }
+    resize(canvas, ...sizeOf(canvas));
     const began = performance.now();
     const pinhole = this.pinhole();
     this.size = [pinhole.width, pinhole.height];
@@ -111,14 +107,8 @@ export class Screen {
     };
   }
 
-  private canvasSize(): [number, number] {
-    const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
-    const { clientWidth, clientHeight } = this.canvas;
-    return [Math.max(1, Math.round(clientWidth * ratio)), Math.max(1, Math.round(clientHeight * ratio))];
-  }
-
   private targetSize(): [number, number] {
-    const [width, height] = this.canvasSize();
+    const [width, height] = sizeOf(this.canvas);
     const scale = this.sharp ? 1 : this.resolution.scale(width, height);
     return [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
   }

@@ -1,7 +1,7 @@
 /** Reads luma from <video> elements on the page; the worker requests images by time. texImage2D returns the luma of
  * full-range H.264 with neutral chroma exactly; four values are packed into each pixel that is read back. */
 
-import { contextOf, Program } from "../render/gl.ts";
+import { contextOf, Program, resize } from "../render/gl.ts";
 import { FULL_VERTEX } from "../render/shaders.ts";
 import { inTime, messageOf, StreamError } from "../stream/errors.ts";
 import type { Video, VideoTime } from "../worker/messages.ts";
@@ -49,10 +49,7 @@ export class VideoReader {
 
   private readBack(element: HTMLVideoElement, { width, height }: Video): ArrayBuffer {
     const gl = (this.gl ??= this.makeContext());
-    if (gl.canvas.width !== width / 4 || gl.canvas.height !== height) {
-      gl.canvas.width = width / 4;
-      gl.canvas.height = height;
-    }
+    resize(gl.canvas, width / 4, height);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, element);
     gl.viewport(0, 0, width / 4, height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

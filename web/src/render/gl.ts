@@ -1,6 +1,24 @@
-/** Programs and textures of WebGL2. */
+/** Canvases, and programs and textures of WebGL2. */
 
 import { StreamError } from "../stream/errors.ts";
+
+const MAX_PIXEL_RATIO = 2; // phones have up to four times as many pixels as a viewer can resolve
+
+/** Canvas pixels for each CSS pixel. */
+export const pixelRatio = (): number => Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
+
+/** Width and height of a canvas on the page, in its pixels. */
+export function sizeOf({ clientWidth, clientHeight }: HTMLCanvasElement): [number, number] {
+  const ratio = pixelRatio();
+  return [Math.max(1, Math.round(clientWidth * ratio)), Math.max(1, Math.round(clientHeight * ratio))];
+}
+
+/** Gives a canvas a size. One of the same size keeps its content. */
+export function resize(canvas: HTMLCanvasElement | OffscreenCanvas, width: number, height: number): void {
+  if (canvas.width === width && canvas.height === height) return;
+  canvas.width = width;
+  canvas.height = height;
+}
 
 /** The WebGL2 context of a canvas. StreamError: the browser does not support it. */
 export function contextOf(canvas: HTMLCanvasElement, options: WebGLContextAttributes): WebGL2RenderingContext {

@@ -1,6 +1,7 @@
 /** Footage of a held-out camera over the player's image from exactly that camera, divided by a line to drag. */
 
 import type { Player } from "../player/player.ts";
+import { pixelRatio, resize, sizeOf } from "../render/gl.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { ReviewCamera, ReviewServer } from "./api.ts";
 import { make } from "../ui/dom.ts";
@@ -130,12 +131,9 @@ export class Wipe {
   private draw(): void {
     const { camera, part, player, canvas } = this;
     if (camera === null || part === null || player.info === null) return;
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    const [width, height] = [Math.max(1, Math.round(canvas.clientWidth * ratio)), Math.max(1, Math.round(canvas.clientHeight * ratio))];
-    if (canvas.width !== width || canvas.height !== height) {
-      canvas.width = width;
-      canvas.height = height;
-    }
+    const ratio = pixelRatio();
+    const [width, height] = sizeOf(canvas);
+    resize(canvas, width, height);
     const { frame } = player;
     const picture = this.pictures.ask(camera.name, frame, player.info.frameCount);
     const context = canvas.getContext("2d")!;

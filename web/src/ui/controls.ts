@@ -91,16 +91,14 @@ export class Controls {
       const full = document.fullscreenElement === host;
       this.relabel("full", full ? ICONS.small : ICONS.full, full ? words.notFull : words.full);
     }, { signal });
-    signal.addEventListener("abort", () => this.end());
+    signal.addEventListener("abort", () => {
+      this.immersive?.end();
+      for (const timer of [this.idleTimer, this.noticeTimer, this.figuresTimer]) clearTimeout(timer);
+      this.hint.hide();
+    });
     this.follow();
     if (player.info !== null) this.showOpened(player.info);
     if (host.state.ready) this.showReady();
-  }
-
-  private end(): void {
-    this.immersive?.end();
-    for (const timer of [this.idleTimer, this.noticeTimer, this.figuresTimer]) clearTimeout(timer);
-    this.hint.hide();
   }
 
   // What the player does ----------------------------------------------------------------------------------------------

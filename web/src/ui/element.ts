@@ -14,9 +14,6 @@ import * as ICONS from "./icons.ts";
 import { parseView } from "./link.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 
-/** Milliseconds that a wait takes before it is shown: a spinner that turns takes the processor from what is waited for. */
-const SHORT_WAIT = 300;
-
 /** `detail` of each event. */
 export interface V3PlayerEventMap {
   "v3-opened": CustomEvent<{ readonly frameCount: number; readonly fps: number; readonly duration: number; readonly title: string | null }>;
@@ -52,22 +49,11 @@ export interface V3PlayerState {
   readonly view: View | null;
 }
 
+const TEXTS = ["src", "poster", "preload", "background", "view", "intro", "decoder"] as const;
+const SWITCHES = ["autoplay", "loop", "muted", "controls", "page", "allowSrc"] as const;
+
 /** Properties that reflect attributes: as a framework sets them, or in markup. */
-export interface V3PlayerProperties {
-  src: string;
-  poster: string;
-  preload: string;
-  background: string;
-  view: string;
-  intro: string;
-  decoder: string;
-  autoplay: boolean;
-  loop: boolean;
-  muted: boolean;
-  controls: boolean;
-  page: boolean;
-  allowSrc: boolean;
-}
+export type V3PlayerProperties = Record<(typeof TEXTS)[number], string> & Record<(typeof SWITCHES)[number], boolean>;
 
 /** Handlers of the events in JSX. */
 export type V3PlayerHandlers = { readonly [K in keyof V3PlayerEventMap as `on${K}`]?: (event: V3PlayerEventMap[K]) => void };
@@ -79,9 +65,6 @@ declare global {
   // eslint-disable-next-line @typescript-eslint/no-empty-object-type
   interface HTMLElementEventMap extends V3PlayerEventMap {}
 }
-
-const TEXTS = ["src", "poster", "preload", "background", "view", "intro", "decoder"] as const;
-const SWITCHES = ["autoplay", "loop", "muted", "controls", "page", "allowSrc"] as const;
 
 const template = ({ kind, video, play, loading, again }: (typeof FIRST_WORDS)["en"]): string => `
 <div class="stage" tabindex="0" role="application" aria-roledescription="${kind}" aria-label="${video}" aria-describedby="about keys">
@@ -127,7 +110,6 @@ export class V3PlayerElement extends Base implements Tenant {
   #speed = 1;
   #file: File | null = null;
   #notices: string[] = [];
-  #busyTimer = 0;
   /** Stops the intro that is flown. */
   #stopIntro: (() => void) | null = null;
   #introWanted = false;
@@ -176,8 +158,10 @@ export class V3PlayerElement extends Base implements Tenant {
       this.#end();
       this.#begin(true);
     } else if (name === "background") this.#paint();
-    else if (name === "loop") this.#setLoop();
-    else if (name === "muted" && sound !== undefined) sound.muted = this.muted;
+    else if (name === "loop" && this.#engine !== null) {
+      this.#engine.loop = this.loop;
+      this.#ui?.showChoices();
+    } else if (name === "muted" && sound !== undefined) sound.muted = this.muted;
     else if (name === "view" && info && parseView(now) !== null) this.setView(now!);
     else this.#showPoster();
     this.#consider();
@@ -237,7 +221,6 @@ export class V3PlayerElement extends Base implements Tenant {
   /** Whether playback starts over at the end: the attribute `loop`. */
   setLoop(loop: boolean): void {
     this.loop = readSwitch(loop, "setLoop");
-    this.#setLoop();
   }
 
   /** Sets the background, the attribute `background`: a name as in the URL parameters. RangeError: another name. */
@@ -310,10 +293,7 @@ export class V3PlayerElement extends Base implements Tenant {
   }
 
   busy(busy: boolean): void {
-    const { classList } = this.#find(".veil");
-    clearTimeout(this.#busyTimer);
-    if (busy) this.#busyTimer = setTimeout(() => classList.add("busy"), SHORT_WAIT);
-    else classList.remove("busy");
+    this.#find(".veil").classList.toggle("busy", busy);
   }
 
   /** Opens the stream of the attribute `src`, or a stream in one file. */
@@ -426,7 +406,6 @@ export class V3PlayerElement extends Base implements Tenant {
     this.#keep();
     this.#stopIntro?.();
     this.#stopIntro = null;
-    clearTimeout(this.#busyTimer);
     this.#engine.dispose();
     this.#engine = this.#ui = null;
     this.#isReady = false;
@@ -440,12 +419,6 @@ export class V3PlayerElement extends Base implements Tenant {
     this.#startAt = engine.seconds;
     this.#startView = engine.view;
     this.#wantsToPlay = engine.playing;
-  }
-
-  #setLoop(): void {
-    const engine = this.#engine;
-    if (engine !== null && engine.loop !== this.loop) engine.loop = this.loop;
-    this.#ui?.showChoices();
   }
 
   /** Shows the background that is chosen. */
