@@ -332,7 +332,7 @@ def test_an_iframe_is_commanded_by_messages(stream: Path, open_page: OpenPage) -
 
 
 def test_the_component_in_another_page_with_a_poster(site: Site, stream: Path, open_page: OpenPage) -> None:
-    site.bytes_per_second = 100_000
+    site.cut = {".mp4": 0}
     page = open_page(
         html="""<!doctype html><h1>Text</h1>
         <v3-player src="stream/" poster="poster.png" loop style="width: 300px; height: 300px"></v3-player>
@@ -342,7 +342,7 @@ def test_the_component_in_another_page_with_a_poster(site: Site, stream: Path, o
     poster = page.handle.locator("v3-player .poster")
     page.wait("player?.shadowRoot?.querySelector('.poster img').complete")
     assert poster.is_visible()
-    site.bytes_per_second = None
+    site.break_off.set()
     page.wait_ready()
     assert "gone" in poster.get_attribute("class")
     assert not page.state["playing"]
