@@ -28,7 +28,8 @@ class PlayerFiles:
         """The scripts that a page loads, by hashed names: caches may keep them for good, as new ones have new names."""
         scripts = dict(self.parts) | ({REVIEW_NAME: self.review} if review else {})
         # The first part has the name of the other, which already has its hash.
-        return {name if name.startswith(REST_PREFIX) else hashed_name(name, data): data for name, data in scripts.items()}
+        named = lambda name, data: name if name.startswith(REST_PREFIX) else hashed_name(name, data)  # noqa: E731
+        return {named(name, data): data for name, data in scripts.items()}
 
     @property
     def size(self) -> int:
