@@ -1,17 +1,11 @@
 /** Actions of the viewer with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists them, too. */
 
 import type { Controls } from "./controls.ts";
+import type { HelpLine } from "./help.ts";
 import type { Words } from "./words.ts";
 
 const kbd = (...keys: readonly string[]): string =>
   keys.map((key) => `<kbd>${key.length === 1 ? key.toUpperCase().replace("<", "&lt;") : key}</kbd>`).join(" ");
-
-/** An action's name, and how it is done with fingers, and with mouse and keys. HTML. */
-export interface HelpLine {
-  readonly what: string;
-  readonly touch?: string;
-  readonly keys?: string;
-}
 
 interface Action {
   /** A line of *Help*, to which the keys are added; gestures are in motion.ts and timeline.ts. HTML. */

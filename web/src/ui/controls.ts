@@ -6,17 +6,16 @@ import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
-import type { HelpLine } from "./actions.ts";
 import type { V3PlayerElement } from "./element.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
+import { type HelpLine, helpRow } from "./help.ts";
 import { Hint } from "./hint.ts";
 import * as ICONS from "./icons.ts";
 import { linkTo } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
-import { helpRow } from "./template.ts";
 import { Timeline } from "./timeline.ts";
 import { type Words, wordsOf } from "./words.ts";
 

@@ -1,9 +1,10 @@
 /** The elements of the controls. */
 
-import { type HelpLine, helpLines } from "./actions.ts";
+import { helpLines } from "./actions.ts";
 import { type BackgroundName, BACKGROUNDS, SPEEDS } from "./choices.ts";
-import * as ICONS from "./icons.ts";
 import { canShare } from "./give_link.ts";
+import { helpRow } from "./help.ts";
+import * as ICONS from "./icons.ts";
 import type { Words } from "./words.ts";
 
 const button = (act: string, label: string, icon: string, more = ""): string =>
@@ -15,12 +16,6 @@ const radios = (name: string, title: string, choices: readonly [value: string, l
   <div class="choices" role="radiogroup" aria-labelledby="${name}">${choices.map(([value, label, more]) =>
     `<label title="${label}"><input type="radio" name="${name}" value="${value}"><span ${more}>${label}</span></label>`).join("")}</div>
 </div>`;
-
-export const helpRow = ({ what, touch, keys }: HelpLine): string => {
-  const only = touch === undefined ? "keys" : keys === undefined ? "touch" : "";
-  const cells = [touch && `<span class="touch">${touch}</span>`, keys && `<span class="keys">${keys}</span>`].join("");
-  return `<tr class="${only}"><th scope="row">${what}</th><td>${cells}</td></tr>`;
-};
 
 /** The heading of a sheet, with its close button. */
 const heading = (title: string, words: Words): string =>
