@@ -6,7 +6,6 @@ import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
-import type { V3PlayerElement } from "./element.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
 import { type HelpLine, helpRow } from "./help.ts";
@@ -22,6 +21,23 @@ import { type Words, wordsOf } from "./words.ts";
 const IDLE = 3000; // milliseconds without user input until the controls hide
 const NOTICE = 5000;
 const FAINTEST = 0.1; // opacity of the image where nothing was filmed
+
+/** The element to which the controls belong. */
+export interface ControlsHost extends HTMLElement {
+  readonly state: { readonly ready: boolean; readonly loop: boolean };
+  readonly background: string;
+  play(): void;
+  pause(): void;
+  seek(seconds: number): void;
+  /** Opens its stream, or a stream in one file. */
+  open(file?: File): void;
+  setSpeed(speed: number): void;
+  setLoop(loop: boolean): void;
+  setMuted(muted: boolean): void;
+  setBackground(name: BackgroundName): void;
+  openUpdated(): void;
+  endIntro(): void;
+}
 
 export class Controls {
   readonly motion: Motion;
@@ -41,7 +57,7 @@ export class Controls {
   private toldOfSound = false;
 
   constructor(
-    readonly host: V3PlayerElement,
+    readonly host: ControlsHost,
     private readonly root: ShadowRoot,
     private readonly player: Player,
   ) {

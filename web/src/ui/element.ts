@@ -7,7 +7,7 @@ import { messageOf } from "../stream/errors.ts";
 import type { EmbeddedFiles } from "../worker/source.ts";
 import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isDecoder, isLight } from "./choices.ts";
 import { claim, release, type Tenant, watch } from "./contexts.ts";
-import type { Controls } from "./controls.ts";
+import type { Controls, ControlsHost } from "./controls.ts";
 import css from "./first.css";
 import { FIRST_WORDS, languageOf } from "./first_words.ts";
 import * as ICONS from "./icons.ts";
@@ -94,7 +94,7 @@ const Base = (globalThis as Partial<typeof globalThis>).HTMLElement ?? (Object a
 export interface V3PlayerElement extends V3PlayerProperties {}
 
 // eslint-disable-next-line @typescript-eslint/no-unsafe-declaration-merging
-export class V3PlayerElement extends Base implements Tenant {
+export class V3PlayerElement extends Base implements ControlsHost, Tenant {
   static readonly observedAttributes = ["src", "poster", "preload", "background", "loop", "muted", "view", "decoder", "data-description"];
 
   readonly #root: ShadowRoot;

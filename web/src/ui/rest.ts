@@ -2,8 +2,7 @@
 
 import type { Player } from "../player/player.ts";
 import { listen } from "./actions.ts";
-import { Controls } from "./controls.ts";
-import type { V3PlayerElement } from "./element.ts";
+import { Controls, type ControlsHost } from "./controls.ts";
 import { languageOf } from "./first_words.ts";
 import css from "./style.css";
 import { template } from "./template.ts";
@@ -12,7 +11,7 @@ import { wordsOf } from "./words.ts";
 export { flyPath, loadPath } from "./intro.ts";
 
 /** Adds the controls to a player's element. */
-export function addControls(host: V3PlayerElement, root: ShadowRoot, player: Player): Controls {
+export function addControls(host: ControlsHost, root: ShadowRoot, player: Player): Controls {
   root.querySelector(".failure")!.insertAdjacentHTML("beforebegin", template(wordsOf(host)));
   for (const part of root.children) if (part instanceof HTMLElement) part.lang = languageOf(host);
   const sheet = new CSSStyleSheet();
