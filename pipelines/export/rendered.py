@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.splat_video import SplatVideo
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from v3studio.pipelines.export.writer import VideoWriter, Written, film_numbers, wrong_option
 from v3studio.pipelines.takes.authored.camera_paths import film_world, path_keys
@@ -19,9 +20,6 @@ from v3studio.studio.formats.exr import export_exr
 from v3studio.studio.formats.movie import movie_sound, render_movie
 from v3studio.studio.formats.plates import Shutter
 
-if TYPE_CHECKING:
-    from v3studio.studio.progress import ProgressFn
-    from v3studio.studio.splat_video import SplatVideo
 
 _SIZE = (1280, 720)
 _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.splat_video import SplatVideo
 from abc import abstractmethod
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from v3studio.pipelines.export.writer import VideoWriter, Writer, Written, film_numbers, wrong_option
 from v3studio.pipelines.outputs import replacing
@@ -19,12 +23,6 @@ from v3studio.studio.formats.usd import export_usd
 from v3studio.studio.formats.videogs import export_videogs, is_videogs
 from v3studio.studio.stream.write_archive import write_archive
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from v3studio.studio.gaussians import Gaussians
-    from v3studio.studio.progress import ProgressFn
-    from v3studio.studio.splat_video import SplatVideo
 
 
 @dataclass(frozen=True, kw_only=True)

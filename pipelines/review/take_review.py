@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from v3studio.studio.footage import Footage
+from v3studio.studio.stream import CapturePlace
 import threading
 from contextlib import suppress
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +22,6 @@ from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 from v3studio.studio.similarity import Similarity
 
-if TYPE_CHECKING:
-    from v3studio.studio.footage import Footage
-    from v3studio.studio.stream import CapturePlace
 
 MAX_WIDTH = 1920  # largest width of an image in pixels; larger ones are scaled down
 
