@@ -1,4 +1,4 @@
-"""How many wrong rigs the check of cameras and masks finds, and how many correct ones it suspects.
+"""Counts the wrong rigs that the check of cameras and masks finds, and the correct ones that it suspects.
 
     python benchmarks/rigs.py SETTINGS.yaml [SETTINGS.yaml ...]
 

@@ -87,14 +87,15 @@ def leftovers(folder: Path, of: Path | None = None, what: str = "") -> list[Path
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a file or folder has the temporary name of another process that runs, or may run on another machine."""
+    """Return whether a file or folder has the temporary name of another process that runs, or may run on another
+    machine."""
     named = re.fullmatch(rf"\..+\.{_NAMED}(\.[^.]*)?", path.name)
     own = str(os.getpid()), machine_name()
     return named is not None and (named["pid"], named["machine"]) != own and _has_writer(path, named)
 
 
 def _has_writer(path: Path, named: re.Match[str]) -> bool:
-    """Whether the process in a temporary name runs, or may run."""
+    """Return whether the process in a temporary name runs, or may run."""
     if named["machine"] == machine_name():
         import psutil
 

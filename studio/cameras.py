@@ -174,7 +174,7 @@ class Camera:
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether there is no lens distortion."""
+        """Tell whether there is no lens distortion."""
         return not np.any(self.distortion)
 
     @property

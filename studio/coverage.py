@@ -1,4 +1,4 @@
-"""How well a rig covers a performer: which directions have a camera nearby, and which surfaces are seen."""
+"""Measures how well a rig covers a performer: which directions have a camera nearby, and which surfaces are seen."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ class ViewRange:
         return np.where(length[:, 0] > 0, np.degrees(np.arccos(nearest)), 0.0)
 
     def visibility(self, eye: Sequence[float] | np.ndarray) -> float:
-        """How much of the image players show from `eye` (3,): 1 within the range, 0 from `FADE` degrees beyond."""
+        """The share of the image that players show from `eye` (3,): 1 within the range, 0 from `FADE` degrees
+        beyond."""
         return float(np.clip(1 - (self.angle_from(eye) - self.angle) / FADE, 0, 1))
 
     def to_json(self) -> JsonObject:
@@ -117,9 +118,9 @@ def coverage(cameras: Sequence[Camera], points: np.ndarray, normals: np.ndarray,
 
 
 def gaps(found: ViewRange, up: np.ndarray) -> tuple[float, float]:
-    """How much of the way around the performer is outside of a range of views, at the height of the cameras, which need
-    not be that of the performer's middle: share of horizontal directions, 0 to 1, and the largest angle between a
-    direction and the nearest camera, degrees."""
+    """The share of the way around the performer that is outside of a range of views, at the height of the cameras,
+    which need not be that of the performer's middle: share of horizontal directions, 0 to 1, and the largest angle
+    between a direction and the nearest camera, degrees."""
     upright = up / np.linalg.norm(up)
     side = np.cross(upright, np.eye(3)[np.abs(upright).argmin()])
     side /= np.linalg.norm(side)

@@ -1,4 +1,4 @@
-"""How much memory this process may use: the machine's, or less if a container or a limit of the session says so.
+"""Finds how much memory this process may use: the machine's, or less if a container or a limit of the session says so.
 
 Without this, a run in a container of 4 GB on a machine of 64 GB would plan for 64 GB and be killed by the kernel.
 """
@@ -73,7 +73,8 @@ def _blas_threads() -> int:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error of Python, PyTorch (on the CPU or a GPU), OpenCV or ONNX Runtime says that memory ran out."""
+    """Return whether an error of Python, PyTorch (on the CPU or a GPU), OpenCV or ONNX Runtime says that memory ran
+    out."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     import cv2

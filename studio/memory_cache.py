@@ -28,7 +28,7 @@ class MemoryCache(Generic[Key, Value]):
         self._making: WeakValueDictionary[Key, threading.Lock] = WeakValueDictionary()
 
     def __contains__(self, key: Key) -> bool:
-        """Whether `key` is cached; does not count as a use."""
+        """Return whether `key` is cached; does not count as a use."""
         with self._lock:
             return key in self._values
 

@@ -131,7 +131,7 @@ def as_list(text: str, *, plain: bool = False) -> Any:
 
 
 def _is_list(field: FieldInfo | None) -> bool:
-    """Whether a field is a list or a tuple, or that or null, and never text."""
+    """Return whether a field is a list or a tuple, or that or null, and never text."""
     kinds = [field.annotation] if field is not None else []
     if get_origin(field.annotation if field is not None else None) in (Union, UnionType):
         kinds = [part for part in get_args(kinds[0]) if part is not type(None)]
@@ -139,7 +139,8 @@ def _is_list(field: FieldInfo | None) -> bool:
 
 
 def is_list_of_text(field: FieldInfo | None) -> bool:
-    """Whether a field is a list or a tuple (or nested ones) with text, such as names of cameras, or that or null."""
+    """Return whether a field is a list or a tuple (or nested ones) with text, such as names of cameras, or that or
+    null."""
 
     def has_text(kind: Any) -> bool:
         if get_origin(kind) is Annotated:

@@ -89,7 +89,7 @@ class Project:
         return process
 
     def same_results(self, take: Path) -> bool:
-        """Whether stream and trained frames are those of the undisturbed run, byte for byte."""
+        """Return whether stream and trained frames are those of the undisturbed run, byte for byte."""
         return results(take) == results(self.finished)
 
 

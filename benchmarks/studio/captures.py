@@ -25,7 +25,7 @@ GRAY = {
 
 @dataclass(frozen=True)
 class Capture:
-    """What `python benchmarks/studio/render.py NAME FOLDER` renders."""
+    """A capture that `python benchmarks/studio/render.py NAME FOLDER` renders."""
 
     about: str
     cameras: tuple[Camera, ...]

@@ -1,4 +1,5 @@
-"""What swings: the skirt as a mesh of particles (Mueller et al. 2007, "Position based dynamics"), and the hair.
+"""Simulates what swings: the skirt as a mesh of particles (Mueller et al. 2007, "Position based dynamics"), and the
+hair.
 
 Both are computed frame after frame from the body's motion, with the same numbers each time.
 """

@@ -1,4 +1,4 @@
-"""How the performer moves: key poses of a short dance, from which the pose at any time follows smoothly."""
+"""Moves the performer: key poses of a short dance, from which the pose at any time follows smoothly."""
 
 import math
 from dataclasses import dataclass

@@ -10,7 +10,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Lens:
-    """How rays meet the image. `kind`: "pinhole", "brown" (Brown-Conrady) or "fisheye" (Kannala-Brandt, as OpenCV).
+    """The relation of rays and image. `kind`: "pinhole", "brown" (Brown-Conrady) or "fisheye" (Kannala-Brandt, as
+    OpenCV).
 
     `focal` is in widths of the image; the principal point is the image's middle. `distortion`: k1, k2, p1, p2, k3 of
     OpenCV for "brown", k1 to k4 for "fisheye"."""

@@ -1,4 +1,4 @@
-"""From rendered light to a camera's files: exposure, color, noise, chroma subsampling and compression."""
+"""Turns rendered light into a camera's files: exposure, color, noise, chroma subsampling and compression."""
 
 import zlib
 from collections.abc import Iterator

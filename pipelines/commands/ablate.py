@@ -83,7 +83,7 @@ def _ablate(arguments: argparse.Namespace) -> None:
 
 
 def _is_study(out: Path) -> bool:
-    """Whether this is the folder of a study: its results, or its first take."""
+    """Return whether this is the folder of a study: its results, or its first take."""
     return (out / "ablation.json").is_file() or (out / "takes").is_dir()
 
 

@@ -42,7 +42,7 @@ def parse_override(text: str) -> tuple[str, Any]:
 
 
 def _is_text(field: FieldInfo | None) -> bool:
-    """Whether a setting can only be text (or null)."""
+    """Return whether a setting can only be text (or null)."""
     annotation = field.annotation if field is not None else None
     return annotation in (str, Path) or set(get_args(annotation)) == {str, type(None)}
 

@@ -60,7 +60,7 @@ final: the paper's schedule, the defaults, for GPUs. All of them set the same se
 
 
 def has_gpu() -> bool:
-    """Whether splats can be trained on a GPU of this machine."""
+    """Return whether splats can be trained on a GPU of this machine."""
     from v3studio.studio.rasterizer import preferred_device
 
     return preferred_device().type != "cpu"

@@ -1,9 +1,5 @@
 """Writers of rendered images: movies, and plates for compositing."""
 
-from __future__ import annotations
-
-from v3studio.studio.progress import ProgressFn
-from v3studio.studio.splat_video import SplatVideo
 import operator
 from abc import abstractmethod
 from collections.abc import Callable
@@ -19,7 +15,8 @@ from v3studio.studio.formats.camera_path import FILM_FORMATS, CameraPath, Key, t
 from v3studio.studio.formats.exr import export_exr
 from v3studio.studio.formats.movie import movie_sound, render_movie
 from v3studio.studio.formats.plates import Shutter
-
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.splat_video import SplatVideo
 
 _SIZE = (1280, 720)
 _TURNTABLE_SECONDS = 6.0  # shortest turn; a faster one is hard to watch

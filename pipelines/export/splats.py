@@ -1,16 +1,11 @@
 """Writers of splats: files per frame, sequences, and the whole stream."""
 
-from __future__ import annotations
-
-import numpy as np
-
-from v3studio.studio.gaussians import Gaussians
-from v3studio.studio.progress import ProgressFn
-from v3studio.studio.splat_video import SplatVideo
 from abc import abstractmethod
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from v3studio.pipelines.export.writer import VideoWriter, Writer, Written, film_numbers, wrong_option
 from v3studio.pipelines.outputs import replacing
@@ -21,8 +16,10 @@ from v3studio.studio.formats.placing import new_file
 from v3studio.studio.formats.sequence import axes_of, export_frame, export_sequence
 from v3studio.studio.formats.usd import export_usd
 from v3studio.studio.formats.videogs import export_videogs, is_videogs
+from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.progress import ProgressFn
+from v3studio.studio.splat_video import SplatVideo
 from v3studio.studio.stream.write_archive import write_archive
-
 
 
 @dataclass(frozen=True, kw_only=True)

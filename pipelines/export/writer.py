@@ -47,7 +47,7 @@ class Writer(ABC):
         (`output.exists`, `output.not_ours`), or as the source and the format."""
 
     def is_earlier(self, out: Path) -> bool:
-        """Whether a file or folder may be an earlier export in this format: a folder holds nothing else."""
+        """Return whether a file or folder may be an earlier export in this format: a folder holds nothing else."""
         files = [out] if out.is_file() else [path for path in out.rglob("*") if not path.is_dir()]
         return all(path.suffix.lower() in self.suffixes for path in files)
 

@@ -1,9 +1,5 @@
 """Everything that a browser needs to review a take: figures, images of the footage, marks."""
 
-from __future__ import annotations
-
-from v3studio.studio.footage import Footage
-from v3studio.studio.stream import CapturePlace
 import threading
 from contextlib import suppress
 from functools import cached_property
@@ -20,8 +16,9 @@ from v3studio.pipelines.takes.results.evaluation import Evaluation, measured_ear
 from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import Footage
 from v3studio.studio.similarity import Similarity
-
+from v3studio.studio.stream import CapturePlace
 
 MAX_WIDTH = 1920  # largest width of an image in pixels; larger ones are scaled down
 

@@ -1,4 +1,4 @@
-"""Whether a stage's results are up to date: compares what they were made from with current settings and inputs."""
+"""Judges whether the results of a stage are up to date: compares what they were made from with what they would be now."""
 
 import datetime
 import os
@@ -174,7 +174,7 @@ def _why_not_done(stage: Stage, inputs: Inputs, record: StageRecord | None, wait
 
 
 def _is_begun(stage: Stage, inputs: Inputs) -> bool:
-    """Whether an earlier run has left results or checkpoints, from which the next one may resume."""
+    """Return whether an earlier run has left results or checkpoints, from which the next one may resume."""
     take = inputs.take
     files = (path for path in (take.root / stage.name).rglob("*") if path.is_file())
     return take.work(stage.name).exists() or any(path.exists() for path in (*stage.code.results(inputs), *files))

@@ -1,4 +1,4 @@
-"""Under which addresses other machines reach this one, and QR codes of them."""
+"""Finds the addresses under which other machines reach this one, and makes QR codes of them."""
 
 import io
 import ipaddress
@@ -34,7 +34,7 @@ def reachable_hosts(host: str) -> list[str]:
 
 
 def is_local(host: str) -> bool:
-    """Whether a server that is bound to `host` can be reached from this machine only."""
+    """Return whether a server that is bound to `host` can be reached from this machine only."""
     if host in ANY:
         return False
     try:

@@ -97,7 +97,7 @@ class Cast(_Part):
 
 
 def is_cast(source: str) -> bool:
-    """Whether a user names a document, and not the manifest of a stream or of a take."""
+    """Return whether a user names a document, and not the manifest of a stream or of a take."""
     path = Path(source)
     return path.suffix.lower() == ".json" and path.name not in (MANIFEST_NAME, "take.json")
 

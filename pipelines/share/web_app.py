@@ -101,7 +101,7 @@ def build_app(
 
 
 def is_allowed(host: str, names: Iterable[str]) -> bool:
-    """Whether a Host header names this server: an IP address, localhost, or one of the names.
+    """Return whether a Host header names this server: an IP address, localhost, or one of the names.
 
     An address cannot be rebound, and a server is reached by addresses that it does not know, such as those of a router.
     """
@@ -262,7 +262,7 @@ def _exactly(path: str, mount: Mount) -> Mount:
 
 
 def _takes_gzip(scope: Any) -> bool:
-    """Whether the client takes compressed responses and asks for a whole file."""
+    """Return whether the client takes compressed responses and asks for a whole file."""
     headers = dict(scope["headers"])
     return b"gzip" in headers.get(b"accept-encoding", b"") and b"range" not in headers
 
@@ -276,7 +276,7 @@ def _packed(response: FileResponse) -> Response:
 
 
 def usable_range(header: bytes) -> bool:
-    """Whether a Range header is to be followed; others are ignored (RFC 9110, 14.2).
+    """Return whether a Range header is to be followed; others are ignored (RFC 9110, 14.2).
 
     Those are other units, malformed and reversed ranges, and many ranges in one request.
     """

@@ -114,7 +114,7 @@ class GroupStageCode(StageCode, Protocol):
         """Digest of everything that the group's results are made from."""
 
     def group_done(self, inputs: Inputs, group: Group) -> bool:
-        """Whether the group's results are there and up to date."""
+        """Return whether the group's results are there and up to date."""
 
     def run_group(self, inputs: Inputs, group: Group, reporter: StageReporter) -> None:
         """Make the group's results; continues from the last finished frame or checkpoint. The caller holds the group's

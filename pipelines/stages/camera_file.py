@@ -89,11 +89,11 @@ def _in(root: Path) -> list[Path]:
 
 
 def _is_of_cameras(pattern: Path) -> bool:
-    """Whether several files match, and not the settings of takes in the folder of their footage."""
+    """Return whether several files match, and not the settings of takes in the folder of their footage."""
     return len([match for match in files_of(pattern) if not (match.path.parent / "take.json").is_file()]) > 1
 
 
 def _is_named_above(root: Path) -> bool:
-    """Whether a transforms.json next to the folder names the images in it, as for HiFi4G's example/."""
+    """Return whether a transforms.json next to the folder names the images in it, as for HiFi4G's example/."""
     names = named_in(root.parent / "transforms.json")
     return len(names) > 1 and names <= {file.stem for file in root.iterdir() if file.suffix.lower() in IMAGE_EXTENSIONS}

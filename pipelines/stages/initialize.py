@@ -55,7 +55,8 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
     plan, known = InitializePlan(inputs), digests_on_record(inputs.take, STAGE.name)
 
     def digest(file: Path) -> str | None:
-        """Without reading files, gigabytes in a long take, of known digest or older than the report."""
+        """Return the digest without reading files of known digest or older than the report: gigabytes in a long
+        take."""
         older = file.stat().st_mtime_ns <= file.with_name("report.json").stat().st_mtime_ns
         return known.get(file) or (None if older else digest_of_file(file))
 

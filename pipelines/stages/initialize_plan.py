@@ -60,12 +60,12 @@ class InitializePlan:
         return key_of(STAGE.name, STAGE.version, self.recipe, self.cameras, group.index, group.keyframe)
 
     def is_current(self, path: Path) -> bool:
-        """Whether a file is there that counts."""
+        """Return whether a file is there that counts."""
         return path.is_file() and path.stat().st_mtime_ns >= self.since
 
     def is_made(self, group: Group, digest: Callable[[Path], str | None]) -> bool:
-        """Whether a group's report has the current key, and its files are there with the digests in it; `digest`: of a
-        file; None if it is taken to be right."""
+        """Return whether a group's report has the current key, and its files are there with the digests in it;
+        `digest`: of a file; None if it is taken to be right."""
         folder = self.take.initialize_group(group.index)
         if not self.is_current(folder / "report.json"):
             return False

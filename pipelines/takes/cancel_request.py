@@ -66,7 +66,7 @@ def cancelled_on_request(take: Take, cancel: Callable[[], None]) -> Iterator[Non
 
 
 def _asked(take: Take) -> bool:
-    """Whether this process is asked to stop."""
+    """Return whether this process is asked to stop."""
     try:
         asked = parse_json(take.cancel_request.read_bytes())
     except (OSError, ValueError):

@@ -139,7 +139,8 @@ class Take:
 
     @property
     def has_stream(self) -> bool:
-        """Whether there is a stream to read, which a first bake that was interrupted does not leave: its manifest."""
+        """Tell whether there is a stream to read, which a first bake that was interrupted does not leave: its
+        manifest."""
         return (self.stream / "manifest.json").is_file()
 
     def initialize_group(self, group: int) -> Path:

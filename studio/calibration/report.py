@@ -49,7 +49,7 @@ class RigGeometry(_Model):
 
 
 class SharedIntrinsicsReport(_Model):
-    """Whether shared intrinsics fit a set of cameras as well as separate ones."""
+    """A test whether shared intrinsics fit a set of cameras as well as separate ones."""
 
     images: list[str]  # camera names
     shared: bool  # whether they are shared in the result
@@ -125,7 +125,7 @@ class RigVerdict(_Model):
 
 
 class SolutionReport(_Model):
-    """How a solution was found, and what determines it."""
+    """The way in which a solution was reached, and what determines it."""
 
     mapper: str | None = None  # the attempt that found the solution: incremental, lenient, global, known poses
     features: dict[str, int] = {}  # features per camera

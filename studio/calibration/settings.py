@@ -110,5 +110,5 @@ class CalibrateSettings(Settings):
 
     @property
     def has_distortion(self) -> bool:
-        """Whether the camera model has a radial term."""
+        """Tell whether the camera model has a radial term."""
         return self.camera_model not in ("SIMPLE_PINHOLE", "PINHOLE")

@@ -1,4 +1,4 @@
-"""Whether a rig is right, judged by what it was not made from: matches between images, and the performer's masks."""
+"""Judges whether a rig is right, by what it was not made from: matches between images, and the performer's masks."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -128,7 +128,7 @@ class _Evidence:
 
 
 def _counts(first: str, second: str, of: Collection[str], without: Collection[str]) -> bool:
-    """Whether a pair of cameras counts, see `_Evidence.share`."""
+    """Return whether a pair of cameras counts, see `_Evidence.share`."""
     pair = {first, second}
     return (not of or not pair.isdisjoint(of)) and pair.difference(of).isdisjoint(without)
 

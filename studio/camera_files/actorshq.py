@@ -19,7 +19,7 @@ COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has most of the columns: the error names those that are missing."""
+    """Return whether a file has most of the columns: the error names those that are missing."""
     return len(file.columns & set(COLUMNS)) > 9
 
 

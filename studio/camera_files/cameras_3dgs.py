@@ -12,7 +12,7 @@ from v3studio.studio.cameras import Rig
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form; an entry that is no object is refused by `read`."""
+    """Return whether a file has this form; an entry that is no object is refused by `read`."""
     if not isinstance(file.json, list) or not file.json:
         return False
     other = next((entry for entry in file.json if not isinstance(entry, dict) or "img_name" not in entry), None)

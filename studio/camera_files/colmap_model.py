@@ -77,7 +77,7 @@ _Pose = tuple[str, int, list[float]]  # name of an image, id of its camera, quat
 
 
 def is_in(folder: Path) -> bool:
-    """Whether a folder contains a model, or numbered folders with models."""
+    """Return whether a folder contains a model, or numbered folders with models."""
     return any((folder / f"cameras.{suffix}").is_file() for suffix in ("txt", "bin")) or bool(_numbered_models(folder))
 
 

@@ -25,7 +25,7 @@ _KNOWN = {*_LISTS, "w", "h"}
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form."""
+    """Return whether a file has this form."""
     return {"w2c", "fn"} <= file.json_object.keys()
 
 

@@ -17,7 +17,7 @@ from v3studio.studio.json_types import JsonObject
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form."""
+    """Return whether a file has this form."""
     return "nb_camera" in file.storage
 
 

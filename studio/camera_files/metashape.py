@@ -32,7 +32,7 @@ _TERMS = frozenset({
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form."""
+    """Return whether a file has this form."""
     return file.xml is not None and file.xml.tag in ("document", "chunk")
 
 

@@ -20,12 +20,12 @@ _SUFFIX = "_cam.txt"
 
 
 def is_in(folder: Path) -> bool:
-    """Whether a folder has such files."""
+    """Return whether a folder has such files."""
     return any(folder.glob(f"*{_SUFFIX}"))
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a path is a folder with such files."""
+    """Return whether a path is a folder with such files."""
     return is_in(file.path)
 
 

@@ -31,7 +31,7 @@ def _fixed_part(path: Path) -> Path:
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file is the calibration of one camera, which `read` refuses."""
+    """Return whether a file is the calibration of one camera, which `read` refuses."""
     return file.kind == "yaml" or (file.xml is not None and file.xml.tag == "opencv_storage")
 
 

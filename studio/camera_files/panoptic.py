@@ -16,7 +16,7 @@ _UNIT = "CMU Panoptic: centimeters are converted to meters."
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form."""
+    """Return whether a file has this form."""
     content = file.json_object
     cameras = content.get("cameras")
     if not isinstance(cameras, list):

@@ -35,7 +35,7 @@ _INTRINSICS = {
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file is XML; `CAMERA_FORMATS` tries the XML of other programs before."""
+    """Return whether a file is XML; `CAMERA_FORMATS` tries the XML of other programs before."""
     return file.xml is not None
 
 

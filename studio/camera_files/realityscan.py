@@ -24,7 +24,7 @@ _LENS = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file is CSV; `CAMERA_FORMATS` tries the CSV of ActorsHQ before."""
+    """Return whether a file is CSV; `CAMERA_FORMATS` tries the CSV of ActorsHQ before."""
     return file.kind == "csv"
 
 

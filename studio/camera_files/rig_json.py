@@ -23,7 +23,7 @@ _CORNER = "Principal points are taken relative to the image corner."
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has a list of cameras, or is of a format or version that `read` refuses."""
+    """Return whether a file has a list of cameras, or is of a format or version that `read` refuses."""
     content = file.json_object
     is_other = content.get("format", FORMAT) != FORMAT or content.get("version", VERSION) != VERSION
     return is_other or isinstance(content.get("cameras"), list)

@@ -8,7 +8,7 @@ from v3studio.studio.cameras import Rig
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether all values in a file are objects, and some are cameras."""
+    """Return whether all values in a file are objects, and some are cameras."""
     entries = file.json_object.values()
     return any(map(is_camera, entries)) and all(isinstance(entry, dict) for entry in entries)
 

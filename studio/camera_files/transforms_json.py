@@ -59,7 +59,7 @@ _SPELLINGS = {"transformmatrix": "cameratoworld", "distortionparams": "distortio
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form."""
+    """Return whether a file has this form."""
     content = file.json_object
     return isinstance(content.get("frames"), list) and "cameras" not in content
 
@@ -159,8 +159,8 @@ _LEADING = re.compile(r"^(frame|f|t)?[_.\- ]*\d+[_.\- ]+", re.IGNORECASE)
 
 
 def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
-    """For each group of paths, the name that all of them share and no other group has: the file's name, the name of one
-    of its folders, or the file's name without a number at its end or beginning."""
+    """The name, for each group of paths, that all of them share and no other group has: the file's name, the name of
+    one of its folders, or the file's name without a number at its end or beginning."""
 
     def part(level: int) -> Callable[[str], str]:
         return lambda path: PurePosixPath(path).parts[-1 - level] if level < len(PurePosixPath(path).parts) else ""

@@ -173,12 +173,12 @@ def _only_folder(root: Path, listing: Sequence[str]) -> tuple[str, list[Match]] 
 
 
 def _is_other(folder: str) -> bool:
-    """Whether files in a folder of this name are not footage."""
+    """Return whether files in a folder of this name are not footage."""
     return any(names.fullmatch(folder) for names in (MASK_FOLDERS, PLATE_FOLDERS, _OTHER_FOLDERS))
 
 
 def _is_mask(path: str, stems: Collection[str]) -> bool:
-    """Whether a file is the mask of one beside it, such as 0001_mask.png of 0001.jpg."""
+    """Return whether a file is the mask of one beside it, such as 0001_mask.png of 0001.jpg."""
     match = _MASK_FILE.fullmatch(Path(path).stem)
     return match is not None and (match[1] or match[2]) in stems
 
@@ -303,7 +303,8 @@ def _folder_per_camera(folders: Sequence[str]) -> str | None:
 
 
 def _are_chapters(names: Sequence[str]) -> bool:
-    """Whether GoPro names these as parts of one recording: GX010042.MP4, GX020042.MP4; GOPR0042.MP4, GP010042.MP4."""
+    """Return whether GoPro names these as parts of one recording: GX010042.MP4, GX020042.MP4; GOPR0042.MP4,
+    GP010042.MP4."""
     chapters = [_CHAPTER.fullmatch(name) for name in names]
     return all(chapters) and len({match[1] for match in chapters if match is not None}) == 1
 
@@ -341,7 +342,8 @@ def _ambiguous(root: Path, patterns: Sequence[str]) -> StudioError:
 
 
 def _folders_are_frames(root: Path, matches: Sequence[Match]) -> bool:
-    """Whether NUMBER/NUMBER.png means frame/camera, not camera/frame, as in HiFi4G (transforms.json beside folders)."""
+    """Return whether NUMBER/NUMBER.png means frame/camera, not camera/frame, as in HiFi4G (transforms.json beside
+    folders)."""
     cameras = {match.camera for match in matches}
     if all(camera.isdigit() for camera in cameras):
         named = named_in(root / "transforms.json")

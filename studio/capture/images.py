@@ -100,8 +100,8 @@ def _undamaged(path: Path) -> Iterator[None]:
 
 
 def _is_deep(path: Path, transfer: TransferFunction = "auto") -> bool:
-    """Whether the file is not read with Pillow: by its format, or for a transfer function that needs all bits. Pillow
-    does not read TIFF files whose colors are floats, but OpenCV does."""
+    """Return whether the file is not read with Pillow: by its format, or for a transfer function that needs all bits.
+    Pillow does not read TIFF files whose colors are floats, but OpenCV does."""
     suffix = path.suffix.lower()
     if suffix in _CODECS or (suffix in (*_TIFF, ".png") and transfer not in ("auto", "srgb")):
         return True
@@ -136,7 +136,7 @@ def _is_transparent(image: ImageFile) -> bool:
 
 
 def _has_padding(path: Path) -> bool:
-    """Whether the fourth channel of an image means nothing: OpenCV takes it for alpha."""
+    """Return whether the fourth channel of an image means nothing: OpenCV takes it for alpha."""
     if path.suffix.lower() not in _TIFF:
         return False
     with contextlib.suppress(StudioError), _open(path) as image:  # some kinds are read by OpenCV only
@@ -149,9 +149,9 @@ def _color_of(image: np.ndarray) -> np.ndarray:
 
 
 def _has_deep_color(image: ImageFile) -> bool:
-    """Whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding. Pillow has no
-    such color mode; its name for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay with
-    Pillow: premultiplied alpha, and one color as transparent."""
+    """Return whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding. Pillow
+    has no such color mode; its name for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay
+    with Pillow: premultiplied alpha, and one color as transparent."""
     if not image.tile or image.format not in ("PNG", "TIFF") or "transparency" in image.info:
         return False
     stored = image.tile[0][3]

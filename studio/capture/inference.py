@@ -35,7 +35,7 @@ class Layout:
 
     @property
     def is_grid(self) -> bool:
-        """Whether there are several cameras with several frames each."""
+        """Tell whether there are several cameras with several frames each."""
         return len(self.cameras) > 1 and self.frames > 1
 
 
@@ -64,7 +64,7 @@ def infer_layouts(paths: Sequence[str], cameras: Collection[str] = ()) -> list[L
 
 
 def looks_like_camera(name: str) -> bool:
-    """Whether a name is like cam01, view_2 or device3."""
+    """Return whether a name is like cam01, view_2 or device3."""
     return _LIKE_CAMERA.fullmatch(name) is not None
 
 

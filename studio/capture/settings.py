@@ -50,7 +50,7 @@ EVERY = re.compile(r"every (\d+)")  # an entry of `held_out` that stands for sev
 
 
 def _is_saturated(color: Color) -> bool:
-    """Whether a color is saturated enough for a screen."""
+    """Return whether a color is saturated enough for a screen."""
     _, saturation, value = colorsys.rgb_to_hsv(*color)
     return saturation >= LEAST_SATURATION and value > 0.1
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class EvaluationProtocol:
-    """How images are compared: names of the cameras (none: those held out); pixels around the bounding box of the
-    performer's mask (None: the full frame); RGB, 0 to 1, behind performer and splats (footage without masks covers it);
-    scale of the footage's stored size (None: that of the take)."""
+    """The way in which images are compared: names of the cameras (none: those held out); pixels around the bounding box
+    of the performer's mask (None: the full frame); RGB, 0 to 1, behind performer and splats (footage without masks
+    covers it); scale of the footage's stored size (None: that of the take)."""
 
     name: str
     title: str

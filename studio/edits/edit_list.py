@@ -134,7 +134,7 @@ class Ground(Edit):
 
 
 class Floaters(Edit):
-    """Which splats count as floaters; those are removed. A group's splats are judged together, see `selection`."""
+    """The splats that count as floaters and are removed. A group's splats are judged together, see `selection`."""
 
     opacity: float | None = Field(default=None, gt=0, le=1)
     """Splats that never reach this opacity in their group are removed; None: none."""
@@ -249,7 +249,7 @@ class DetailMark(Edit):
 
 
 class World(Edit):
-    """How the world of streams and exports is placed in that of the capture."""
+    """The place of the world of streams and exports in that of the capture."""
 
     up: Vector | None = None  # direction that becomes +y, in the capture's world; None: nothing is turned
     origin: Vector = (0.0, 0.0, 0.0)  # point of the capture's world that becomes the origin

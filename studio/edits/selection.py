@@ -1,4 +1,4 @@
-"""Which splats of a group the edits remove.
+"""Selects the splats of a group that the edits remove.
 
 A stream needs the same splats in all frames of a group, so each splat is kept or removed for the whole group: it is
 removed by a box, a plane or a region if it is outside, below or inside in at least half of the group's frames for

@@ -90,7 +90,7 @@ class Footage:
 
     @property
     def has_evaluation_masks(self) -> bool:
-        """Whether the capture has exact masks for evaluation."""
+        """Tell whether the capture has exact masks for evaluation."""
         return self._exact_mask_source is not None
 
     @property
@@ -117,7 +117,7 @@ class Footage:
         return source.width, source.height
 
     def has_lens_distortion(self, camera: str) -> bool:
-        """Whether the stored frames have lens distortion, which `image` removes. False without calibration."""
+        """Return whether the stored frames have lens distortion, which `image` removes. False without calibration."""
         return not self._warp(camera).source.is_pinhole
 
     def frames_of(self, camera: str) -> tuple[int, ...]:

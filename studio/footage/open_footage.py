@@ -271,7 +271,7 @@ def _frames(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[
 
 
 def _common_span(spec: CaptureSettings, wanted: Sequence[int], common: Set[int]) -> str:
-    """How to use only the frames that all cameras have, as the end of a sentence; "" if a range cannot say that."""
+    """Advice to use only the frames that all cameras have, as the end of a sentence; "" if a range cannot say that."""
     span = [frame for frame in wanted if common and min(common) <= frame <= max(common)]
     if not span or len(span) > len(common & set(wanted)):
         return ""

@@ -83,7 +83,7 @@ class Warp:
 
     @property
     def is_identity(self) -> bool:
-        """Whether images remain unchanged: no distortion and full size."""
+        """Tell whether images remain unchanged: no distortion and full size."""
         size = self.camera.width, self.camera.height
         return self.source.is_pinhole and size == (self.source.width, self.source.height)
 

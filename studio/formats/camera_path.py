@@ -109,7 +109,7 @@ class CameraPath:
 
     @property
     def has_frames(self) -> bool:
-        """Whether the keys set the frame to show."""
+        """Tell whether the keys set the frame to show."""
         return bool(self._frames)
 
     def camera(self, seconds: float) -> Camera:
@@ -151,7 +151,8 @@ class CameraPath:
         return float(self._frame(np.clip(self._times[0] + seconds, self._times[0], self._times[-1])))
 
     def seconds_of(self, frame: float) -> float:
-        """When the path shows a frame: seconds after the first key, at the first or the last key for frames outside."""
+        """The time at which the path shows a frame: seconds after the first key, at the first or the last key for
+        frames outside."""
         if (np.diff(self._frames) <= 0).any():
             problem = "the frames of the keys repeat or decrease, so that a frame has no camera of its own"
             fix = "Use ascending frames, or no frames, in the camera path."

@@ -29,7 +29,7 @@ _SH_RANGE = 8.0
 
 
 def is_compressed(ply: PlyData) -> bool:
-    """Whether the elements are those of a compressed PLY."""
+    """Return whether the elements are those of a compressed PLY."""
     elements = {element.name: element for element in ply.elements}
     return "chunk" in elements and "vertex" in elements and _PACKED[0] in _types(elements["vertex"])
 

@@ -1,4 +1,4 @@
-"""Which files of a folder are the frames of a sequence, and in which order."""
+"""Finds the files of a folder that are the frames of a sequence, and their order."""
 
 import itertools
 import re

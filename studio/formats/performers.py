@@ -1,4 +1,4 @@
-"""Which splats belong to which performer, where performers stand apart from each other: for mattes.
+"""Assigns splats to performers who stand apart from each other, for mattes.
 
 At the first frame of each group, splats are connected over gaps that no body has; the parts are the performers. Within
 a group, splats correspond. From group to group, a performer is who stands where one stood a frame before.

@@ -40,7 +40,7 @@ _LARGEST_COMPONENT = 252  # alpha of a quaternion is this plus the index of the 
 
 
 def is_sog_meta(path: Path) -> bool:
-    """Whether a `meta.json` seems to belong to a SOG data set; True if it cannot be parsed."""
+    """Return whether a `meta.json` seems to belong to a SOG data set; True if it cannot be parsed."""
     try:
         meta = _parsed(path)
     except StudioError:

@@ -149,7 +149,7 @@ def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) ->
 
 
 def is_videogs(folder: Path) -> bool:
-    """Whether a folder contains the two JSON files of the layout."""
+    """Return whether a folder contains the two JSON files of the layout."""
     return (folder / "group_info.json").is_file() and (folder / "viewer_min_max.json").is_file()
 
 

@@ -37,6 +37,6 @@ def open_alpha(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
 
 
 def _is_opaque(inputs: MaskInputs) -> bool:
-    """Whether nothing is transparent in the first image of some cameras: many programs write such a channel."""
+    """Return whether nothing is transparent in the first image of some cameras: many programs write such a channel."""
     some = (inputs.sources[name] for name in evenly_spaced(inputs.names, _SAMPLED_CAMERAS))
     return all(source.read(source.frames[0])[:, :, 3].min() == 255 for source in some)

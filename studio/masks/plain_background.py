@@ -153,7 +153,7 @@ def open_plain(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
 
 
 def _is_plain(inputs: MaskInputs, source: PlainMaskSource) -> bool:
-    """Whether the images show the performer cut out on a plain color, according to up to nine cameras.
+    """Return whether the images show the performer cut out on a plain color, according to up to nine cameras.
 
     In at least half of them, the performer must not be cut off; in the others the color must be the same.
     """

@@ -1,4 +1,4 @@
-"""How far each camera's mask agrees with the volume on which the other cameras agree."""
+"""Measures how far each camera's mask agrees with the volume on which the other cameras agree."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -148,7 +148,7 @@ def _carve_corrected(
 def _compare(
     mesh: Mesh, shapes: list[Silhouette], tick: Tick
 ) -> tuple[list[np.ndarray], dict[str, float], dict[str, float]]:
-    """Per camera: uncovered foreground (h, w) bool, 1 - IoU, and the uncovered share of the mask."""
+    """Return per camera: uncovered foreground (h, w) bool, 1 - IoU, and the uncovered share of the mask."""
     import cv2
 
     rays = MeshViews(mesh) if len(mesh.faces) else None

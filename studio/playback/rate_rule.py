@@ -1,4 +1,4 @@
-"""Which rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs.
+"""Chooses the rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs.
 
 The rule is BOLA-BASIC (Spiteri, Urgaonkar and Sitaraman, "BOLA: Near-Optimal Bitrate Adaptation for Online Videos",
 INFOCOM 2016) with the parameters chosen as dash.js chooses them (its BolaRule), the paper's BOLA-O against oscillation,

@@ -1,4 +1,4 @@
-"""How much each splat contributes to images."""
+"""Measures how much each splat contributes to images."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -42,7 +42,7 @@ def _unavailable(backend: str) -> tuple[str, str] | None:
 
 
 def _interpreted() -> bool:
-    """Whether Triton runs kernels on the CPU: TRITON_INTERPRET=1, for tests and for debugging."""
+    """Return whether Triton runs kernels on the CPU: TRITON_INTERPRET=1, for tests and for debugging."""
     return os.environ.get("TRITON_INTERPRET") == "1"
 
 

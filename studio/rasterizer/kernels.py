@@ -1,4 +1,4 @@
-"""Which computations of training run in the C++ kernels, and which in their PyTorch definitions."""
+"""Decides which computations of training run in the C++ kernels, and which in their PyTorch definitions."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,7 +27,8 @@ def kernels_for(*tensors: Tensor) -> Any | None:
 
 
 def uses_triton(tensor: Tensor) -> bool:
-    """Whether the Triton kernels of training compute with a tensor: float32 on an NVIDIA GPU, if Triton is there."""
+    """Return whether the Triton kernels of training compute with a tensor: float32 on an NVIDIA GPU, if Triton is
+    there."""
     return tensor.device.type == "cuda" and tensor.dtype == torch.float32 and "triton" in available_backends()
 
 

@@ -16,12 +16,13 @@ _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/+")
 
 
 def is_address(path: Path | str) -> bool:
-    """Whether this is an address (s3://bucket/folder) rather than a path; pathlib joins its slashes (s3:/bucket)."""
+    """Return whether this is an address (s3://bucket/folder) rather than a path; pathlib joins its slashes
+    (s3:/bucket)."""
     return _SCHEME.match(str(path)) is not None
 
 
 def has_credentials(path: Path | str) -> bool:
-    """Whether this is an address that may contain credentials: a colon before an @, or a query (?sig=...).
+    """Return whether this is an address that may contain credentials: a colon before an @, or a query (?sig=...).
 
     Anywhere in it, not only before the first slash: AWS's secrets may contain slashes.
     """

@@ -1,4 +1,4 @@
-"""How the numbers of splats are laid out in images, and how they are taken from and put back into `Gaussians`.
+"""Lays out the numbers of splats in images, takes them from `Gaussians`, and puts them back.
 
 A *plane* is a square luma image with one byte per splat. Means have 16 bits and two planes, all else 8 bits and one
 plane (paper, "Quantization bits setting").

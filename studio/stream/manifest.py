@@ -490,7 +490,7 @@ class Page(Model):
 
 
 class Codec(Model):
-    """How the videos are encoded."""
+    """The encoding of the videos."""
 
     name: CodecName
     pixel_format: Literal["yuv420p"]

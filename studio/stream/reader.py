@@ -117,7 +117,7 @@ class StreamReader:
 
     @property
     def live(self) -> bool:
-        """Whether groups are still being added, so that `refresh` may find more."""
+        """Tell whether groups are still being added, so that `refresh` may find more."""
         return self.manifest.live
 
     def refresh(self) -> int:
@@ -160,7 +160,7 @@ class StreamReader:
             raise
 
     def _replaced(self) -> bool:
-        """Whether there is another manifest now, which does not only add groups."""
+        """Return whether there is another manifest now, which does not only add groups."""
         try:
             data = self.source.read(MANIFEST_NAME, MAX_MANIFEST_BYTES)
             if data == self.manifest_bytes:

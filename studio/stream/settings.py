@@ -77,12 +77,12 @@ class Rung(Settings):
 
     @property
     def pruned(self) -> bool:
-        """Whether splats are left out."""
+        """Tell whether splats are left out."""
         return self.splats < 1
 
     @property
     def finetuned(self) -> bool:
-        """Whether the splats that are kept are trained further."""
+        """Tell whether the splats that are kept are trained further."""
         return self.pruned and self.finetune_iterations > 0
 
     @property
@@ -106,7 +106,7 @@ _B_FRAMES = 5  # B-frames between P-frames, unless the settings say otherwise
 
 
 class BakeSettings(Settings):
-    """How a group of Gaussians is encoded."""
+    """Settings of encoding a group of Gaussians."""
 
     affects: ClassVar[Affects | None] = Affects("videos")
 
@@ -230,7 +230,7 @@ class BakeSettings(Settings):
 
     @property
     def smooths_paths(self) -> bool:
-        """Whether paths are smoothed, by the settings or by default."""
+        """Tell whether paths are smoothed, by the settings or by default."""
         return self.qp > 0 if self.smooth_paths is None else self.smooth_paths
 
     def at_qp(self, qp: int) -> BakeSettings:

@@ -148,7 +148,7 @@ class _Run:
 
     @property
     def finished(self) -> bool:
-        """Whether all steps and all pruning rounds are done."""
+        """Tell whether all steps and all pruning rounds are done."""
         return self.done >= self._total and (self._pruned >= self._rounds)
 
     @property

@@ -1,4 +1,4 @@
-"""How many splats of a keyframe are pruned, and in how many rounds."""
+"""Decides how many splats of a keyframe are pruned, and in how many rounds."""
 
 from v3studio.studio.training.settings import TrainSettings
 

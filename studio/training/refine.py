@@ -123,7 +123,7 @@ class Refinement:
 
     @property
     def _ragged(self) -> bool:
-        """Whether the keyframe's splats disagree with its masks."""
+        """Tell whether the keyframe's splats disagree with its masks."""
         off = self.off if self._keyframe_off is None else self._keyframe_off
         return off is not None and off > RAGGED_ABOVE
 

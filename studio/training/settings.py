@@ -47,7 +47,7 @@ class LearningRates(Settings):
 
 
 class TrainSettings(Settings):
-    """How a group is trained: the keyframe, then motion and fine-tuning of each other frame."""
+    """Settings of training a group: the keyframe, then motion and fine-tuning of each other frame."""
 
     affects: ClassVar[Affects | None] = Affects("keyframe")
 

@@ -47,7 +47,7 @@ def is_take(path: Path) -> bool:
 
 
 def is_footage(path: Path) -> bool:
-    """Whether this can be only footage: an address, or a folder that is not a take."""
+    """Return whether this can be only footage: an address, or a folder that is not a take."""
     return is_address(path) or (path.is_dir() and not is_take(path))
 
 

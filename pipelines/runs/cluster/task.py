@@ -3,9 +3,6 @@
 Imports of this module are light, so that a node that cannot run the task can say so.
 """
 
-from __future__ import annotations
-
-from v3studio.pipelines.events import Event
 import contextlib
 import os
 import platform
@@ -15,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from v3studio.pipelines.events import Event
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.process import passive_openmp
 from v3studio.studio.storage import is_address
-
 
 _PROGRESS_SECONDS = 0.5  # shortest interval between two progress events of a task: hundreds of tasks write them
 

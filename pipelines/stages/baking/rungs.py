@@ -75,7 +75,7 @@ class RungTraining:
         return key_of("rung", VERSION, self._params, list(rung.kind), group.index, self._contents[group.index])
 
     def finished(self, group: Group, rung: Rung) -> bool:
-        """Whether there are valid offsets."""
+        """Return whether there are valid offsets."""
         return has_key(self._inputs.take.splat_offsets(group.index, name_of(rung)), self.key(group, rung))
 
     def offsets(self, group: Group, rung: Rung, reporter: StageReporter, progress: ProgressFn) -> SplatOffsets:

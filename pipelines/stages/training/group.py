@@ -321,7 +321,7 @@ def _tell_outlines(group: Group, refinement: Refinement, reporter: StageReporter
 
 
 def _advise_scale(views: Sequence[TrainingView], job: GroupJob, reporter: StageReporter) -> None:
-    """Without a GPU, warn once if the images are too large to train on."""
+    """Warn once if the images are too large to train on without a GPU."""
     pixels = median_high(view.camera.width * view.camera.height for view in views)
     if job.device != "cpu" or pixels <= _MANY_PIXELS:
         return

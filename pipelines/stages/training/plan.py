@@ -31,7 +31,8 @@ _COLORS_VERSION, _REFINEMENT_VERSION = 1, 2  # raised whenever what is fitted to
 
 
 def refines_cameras(take: Take, settings: TrainSettings) -> bool:
-    """Whether cameras are refined (`train.refine_cameras`): with "auto", those that were calibrated from footage."""
+    """Return whether cameras are refined (`train.refine_cameras`): with "auto", those that were calibrated from
+    footage."""
     if settings.refine_cameras != "auto":
         return settings.refine_cameras == "always"
     return cameras_source(take) in ("footage", "tie points")
@@ -67,7 +68,7 @@ class TrainPlan:
 
     @cached_property
     def refines(self) -> bool:
-        """Whether cameras are refined."""
+        """Tell whether cameras are refined."""
         return refines_cameras(self.take, self.settings)
 
     @cached_property
@@ -143,7 +144,7 @@ class TrainPlan:
         return [self.take.trained_frame(group.index, index) for index in group.indices]
 
     def is_done(self, group: Group) -> bool:
-        """Whether all frames of a group are there and up to date."""
+        """Return whether all frames of a group are there and up to date."""
         return self._is_final(group, self.keys(group))
 
     def _is_final(self, group: Group, keys: list[str]) -> bool:

@@ -10,7 +10,8 @@ def path_here(path: Path, paths: Mapping[str, Sequence[str]]) -> Path:
 
 
 def is_there(place: Path) -> bool:
-    """Whether this file or folder exists and is not an empty folder, as that of a share that is not mounted is."""
+    """Return whether this file or folder exists and is not an empty folder, as that of a share that is not mounted
+    is."""
     try:
         return place.is_file() or next(place.iterdir(), None) is not None
     except PermissionError:  # it exists; anyone who reads it says what is wrong

@@ -29,7 +29,7 @@ def edits_of_group(edits: EditList, group: Group) -> EditList:
 
 
 def concerns(frames: tuple[int, int] | None, group: Group) -> bool:
-    """Whether a range of frames of the footage, as `Region.frames`, has frames of a group."""
+    """Return whether a range of frames of the footage, as `Region.frames`, has frames of a group."""
     return frames is None or (frames[0] <= group.frames[-1] and group.frames[0] <= frames[1])
 
 

@@ -83,7 +83,8 @@ def read_tensors(path: Path, key: str, since: int = 0) -> dict[str, Tensor] | No
 
 
 def intact(path: Path) -> bool:
-    """Whether the tensors in a file are those that were written. Raises OSError or MemoryError if it cannot be read."""
+    """Return whether the tensors in a file are those that were written. Raises OSError or MemoryError if it cannot be
+    read."""
     from safetensors import SafetensorError
 
     try:
@@ -106,7 +107,8 @@ def read_about(path: Path) -> FrameMetadata | None:
 
 
 def has_key(path: Path, key: str, since: int = 0) -> bool:
-    """Whether a file was made from what `key` is the digest of, and not before `since` (modification time in ns)."""
+    """Return whether a file was made from what `key` is the digest of, and not before `since` (modification time in
+    ns)."""
     about = read_about(path)
     return about is not None and about.key == key and path.stat().st_mtime_ns >= since
 

@@ -150,6 +150,6 @@ def read_evaluation(path: Path | str) -> Evaluation:
 
 
 def measured_earlier_bake(take: Take) -> bool:
-    """Whether the stream has been baked again since it was measured."""
+    """Return whether the stream has been baked again since it was measured."""
     record = read_record(take, "evaluate")
     return record is not None and record.params.get("result of bake") != result_of(take, "bake")

@@ -38,7 +38,7 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
 
 
 def is_any_unknown(database: Path) -> bool:
-    """Whether any camera in the database has neither a given nor an estimated focal length."""
+    """Return whether any camera in the database has neither a given nor an estimated focal length."""
     import pycolmap
 
     with pycolmap.Database.open(database) as opened:

@@ -1,4 +1,4 @@
-"""How well the observations determine each camera. Runs in the worker process."""
+"""Estimates how well the observations determine each camera. Runs in the worker process."""
 
 from typing import Any
 

@@ -82,7 +82,7 @@ class CalibrationTarget(Settings):
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the target looks the same upside down, which makes its orientation ambiguous."""
+        """Tell whether the target looks the same upside down, which makes its orientation ambiguous."""
         return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
 
     @cached_property
@@ -97,7 +97,7 @@ class CalibrationTarget(Settings):
         return np.array([self.columns, self.rows, 0.0]) * self.square / 2
 
     def on_one_line(self, ids: Sequence[int] | np.ndarray) -> bool:
-        """Whether the corners with these indices are collinear, so that they do not determine a pose."""
+        """Return whether the corners with these indices are collinear, so that they do not determine a pose."""
         flat = self.corners[ids, :2]
         return bool(np.linalg.matrix_rank(flat - flat.mean(0), tol=0.1 * self.square) < 2)
 
@@ -177,7 +177,8 @@ class CalibrationTarget(Settings):
 
 
 def _is_lighter(gray: np.ndarray, grid: np.ndarray) -> bool:
-    """Whether the square between the first four inner corners, which should be black, is lighter than the next."""
+    """Return whether the square between the first four inner corners, which should be black, is lighter than the
+    next."""
 
     def mean(part: np.ndarray) -> float:
         center = part.reshape(-1, 2).mean(0)

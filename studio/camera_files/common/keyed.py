@@ -144,7 +144,7 @@ def _is_opencv(value: Any) -> bool:
 
 
 def is_camera(entry: object) -> bool:
-    """Whether a value is an object with intrinsics or a pose under one of the keys."""
+    """Return whether a value is an object with intrinsics or a pose under one of the keys."""
     wanted = {spelling for key in ("K", "rotation", "translation", "distortion") for spelling in KEYS[key]}
     return isinstance(entry, Mapping) and bool(wanted & {normal_key(str(key)) for key in entry})
 

@@ -30,7 +30,7 @@ def redirected(url: str, location: str, name: str) -> str:
 
 
 def same_origin(one: str, other: str) -> bool:
-    """Whether scheme, host and port are the same: only there, credentials are sent again."""
+    """Return whether scheme, host and port are the same: only there, credentials are sent again."""
     first, second = urlsplit(one), urlsplit(other)
     return (first.scheme, first.hostname, first.port or _PORTS.get(first.scheme)) == (
         second.scheme,
@@ -40,7 +40,7 @@ def same_origin(one: str, other: str) -> bool:
 
 
 def _is_private(host: str) -> bool:
-    """Whether a host has an address that is not a public one."""
+    """Return whether a host has an address that is not a public one."""
     try:
         addresses = [str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)]
     except (OSError, UnicodeError):

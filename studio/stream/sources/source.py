@@ -75,5 +75,5 @@ def too_long(file: str | os.PathLike[str], limit: int, size: int | None = None) 
 
 
 def is_address(place: object) -> bool:
-    """True for a string that starts with http:// or https://."""
+    """Return whether a string starts with http:// or https://."""
     return isinstance(place, str) and place.lower().startswith(("http://", "https://"))
