@@ -1,4 +1,4 @@
-"""Judges whether the results of a stage are up to date: compares what they were made from with what they would be now."""
+"""Judges whether results of a stage are up to date: compares what they were made from with current inputs."""
 
 import datetime
 import os
