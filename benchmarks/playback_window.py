@@ -25,20 +25,14 @@ TURN = 6.0  # drag in pixels that rotates the view at each tick
 
 def bake(take: Path, splats: int, folder: Path) -> None:
     """Bake the take's first groups, with duplicated splats, to a stream of 30 frames per second."""
-    from rate_distortion import enlarged
+    from stream_speed import trained_group
 
-    from v3studio.pipelines.takes.frames.frame_files import read_frame
-    from v3studio.pipelines.takes.take import Take
     from v3studio.studio.stream import BakeSettings, GroupEntry, bake_group, write_manifest
 
-    opened = Take.open(take)
     settings, first = BakeSettings(), 0
     entries: list[GroupEntry] = []
-    while opened.train_group(len(entries)).is_dir() and len(entries) < 3:
-        group = len(entries)
-        files = sorted(opened.train_group(group).glob("frame_*.safetensors"))
-        frames = enlarged([read_frame(file) for file in files], splats)
-        entries.append(bake_group(frames, folder, group, first, settings))
+    while len(entries) < 3 and (frames := trained_group(take, len(entries), splats)):
+        entries.append(bake_group(frames, folder, len(entries), first, settings))
         first += len(frames)
     if not entries:
         raise StudioError("benchmark.not_trained", "the take has no trained frames", file=take)
