@@ -15,7 +15,9 @@ from v3studio.studio.capture.frame_range import ALL_FRAMES
 from v3studio.studio.counts import counted
 from v3studio.studio.formats import EXPORTS
 
-_NOTE = "formats:\n" + "\n".join(f"  {name:12} {one.written}" for name, one in EXPORTS.items())
+_NOTE = "formats:\n" + "\n".join(f"  {name:12} {form.written}" for name, form in EXPORTS.items())
+
+_WORLD = ", ".join(name for name, form in EXPORTS.items() if form.holds == "frame" and form.keeps_axes)
 
 
 def register(commands: Any) -> None:
@@ -33,8 +35,8 @@ def register(commands: Any) -> None:
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
-        help="ply, spz, glb, usd, exr, and film tools' cameras in --path: axes of the capture (world), or upright by "
-        "the format's convention (viewer); default: world for ply, viewer for the others",
+        help="files of splats, exr, and film tools' cameras in --path: axes of the capture (world), or upright by the "
+        f"format's convention (viewer); default: world for {_WORLD}, viewer for the others",
     )  # fmt: skip
     export.add_argument(
         "--sh-degree", type=int, choices=range(4), metavar="N", help="truncate spherical harmonics to degree N, 0 to 3"
