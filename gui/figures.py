@@ -35,10 +35,11 @@ class QualityFigures:
         if take is not None:
             stamp = (take.root, modified(take.evaluation), modified(take.record("bake")))
         bake = self._workspace.assessment.stages.get("bake")
-        changed = bake is not None and bake.state == State.STALE
+        changed = bake is not None and bake.state != State.DONE  # partial, too: some groups are of earlier edits
         camera, other, audio = self.camera, player.other, player.audio
         waveform = audio.waveform if audio is not None else None  # None until it is known, too
-        seen = (stamp, changed, frames, camera, other, audio, waveform is None)
+        alone = player.shown_other
+        seen = (stamp, changed, frames, camera, other, alone, audio, waveform is None)
         if self._seen == seen:
             return
         self._seen = seen
@@ -46,11 +47,16 @@ class QualityFigures:
         evaluation = self.evaluation = Evaluation() if take is None else Evaluation.read(take.evaluation, stale)
         others = {name: other.series(name, camera) for name in PLOTTED} if other is not None else None
         series = {name: evaluation.series(name, frames, camera) for name in PLOTTED}
+        against = other.label if other is not None else ""
+        if alone is not None and others is not None:  # what is on screen comes first
+            evaluation = self.evaluation = alone.evaluation
+            series, others, against = others, series, "the take's own bake"
         whose = evaluation.whose(camera), evaluation.whose(camera, briefly=True)
         plots = plots_of(series, whose[0], others, whose[1], ", earlier bake" * evaluation.stale)
         self._timeline.plots = (*plots, *((waveform,) if waveform is not None else ()))
-        against = f"\nYellow, and in parentheses: {other.label}." if other is not None else ""
-        self._timeline.explanation = evaluation.explanation + against
+        self._timeline.explanation = evaluation.explanation
+        if against:
+            self._timeline.explanation += f"\nYellow, and in parentheses: {against}."
 
 
 def mark_timeline(

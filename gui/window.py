@@ -201,7 +201,7 @@ class MainWindow:
             opening=opening,
             preferences=PreferenceActions(preferences, dialogs, notices, self._apply_preferences),
             outputs=outputs,
-            runs=RunActions(workspace, views, dialogs, self.close_requests),
+            runs=RunActions(workspace, views, exports, dialogs, self.close_requests),
             edits=EditActions(player, workspace, views, dialogs, notices, changed),
             review=ReviewActions(player, views, notices, self._guard),
             worst=WorstActions(player, quality, thumbnails, dialogs, cameras.look_through),
@@ -383,5 +383,5 @@ class MainWindow:
         self.numbers = [shown, self.panels.inspector.frame, self.panels.timeline.frame]
         self._guard.drawn()
         unsettled = [panel.settle() for panel in self.panels.pictures]
-        if any(unsettled) | self.dialogs.tick():
+        if any(unsettled) | self.dialogs.tick() | self._screen.drawn():
             self.changed()

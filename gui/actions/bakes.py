@@ -53,6 +53,8 @@ class BakeActions:
     def show(self) -> None:
         dialogs = self._dialogs
         take, other = self._workspace.take, self._player.other
+        if self._keeper.idle:  # what was said was said when the dialog was open
+            self._words, self._failed = "", False
         self.look()
         self._baked = take is not None and self._workspace.row("bake").state == State.DONE
         self._list = dialogs.list_of(ROWS, self._select)

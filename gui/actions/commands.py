@@ -74,16 +74,18 @@ class Actions:
 
     def act(self, item: "Item[Actions]") -> None:
         """Do what an item of the menus stands for: what needs an open take, without the start page over it."""
-        if item.needs != NOTHING and self.screen.shown and not self.screen.hide():
-            self.notices.show("Open a take or a stream first.")
-        else:
+        if item.needs == NOTHING or not self.screen.shown:
             item.act(self)
+        elif not self.screen.leave_for(partial(item.act, self)):
+            opening = self.workspace.opening
+            self.notices.show(f"{opening} is being opened." if opening else "Open a take or a stream first.")
 
     def why_not(self, item: "Item[Actions]") -> str:
         """Why an item of the menus is not possible now; "" if it is."""
         opened = self.player.opened
         if item.needs != NOTHING and opened is None:
-            return "No take or stream is open."
+            opening = self.workspace.opening
+            return f"{opening} is being opened." if opening else "No take or stream is open."
         if item.needs == TAKE and opened is not None and opened.take is None:
             return "No take is open."
         if item.lacks is not None and not item.lacks[0](self):

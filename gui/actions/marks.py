@@ -94,7 +94,8 @@ def view_of(player: PlayerPresenter) -> MarkView:
 
 
 def show_view(player: PlayerPresenter, view: MarkView) -> None:
-    """Show the view of a mark. Without the take's cameras, this is the view from the same place."""
+    """Show the view of a mark, with a wipe if it was made in one; another comparison on screen stays. Without the
+    take's cameras, this is the view from the same place."""
     if view.camera not in player.camera_names:
         player.look_through("")
         up = player.orbit.up
@@ -102,7 +103,8 @@ def show_view(player: PlayerPresenter, view: MarkView) -> None:
         return
     player.look_through(view.camera)
     if view.wipe is None:
-        player.choose_mode(Mode.SINGLE)
+        if player.mode in (Mode.WIPE, Mode.SCENE):
+            player.choose_mode(Mode.SINGLE)
     elif player.choose_mode(Mode.WIPE):
         player.wipe = view.wipe
     if view.whole == (player.image_zoom != ImageZoom()):

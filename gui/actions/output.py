@@ -76,6 +76,10 @@ class OutputActions:
         sources = sorted(opened.sources, key=lambda name: name != first) if opened.take is not None else []
         folder = opened.path.parent if isinstance(opened.path, Path) else Path.home()
         request = ExportRequest(kind or self._kind, str(opened.path), opened.title, folder)
+        other = self._player.shown_other
+        if other is not None:  # what is on screen
+            place, of = other.exported
+            request.source, request.title, sources = str(place), f"{opened.title}-{other.label}", [of] if of else []
         request.of = sources[0] if sources else ""
         length = transport.frame_count / transport.fps
         request.seconds = f"{max(length, LEAST_SECONDS):g}"
@@ -96,7 +100,7 @@ class OutputActions:
     def _stale(self) -> bool:
         """Whether the take has changed since its stream was baked."""
         workspace = self._workspace
-        return workspace.take is not None and workspace.row("bake").state == State.STALE
+        return workspace.take is not None and workspace.row("bake").state in (State.STALE, State.PARTIAL)
 
     def _ranges(self) -> dict[str, range | None]:
         """Frames that can be exported: all, the one on screen, the selected span."""
@@ -142,8 +146,11 @@ class OutputActions:
         form.choice("background", "Background", list(MOVIE_BACKGROUNDS))
         form.output(lambda: self._ask_export(request, sources))
         changed()
+        other = self._player.shown_other
         source = "Exports the splats decoded from the stream."
-        if sources:
+        if other is not None:
+            source = f"Exports {other.label}, which is on screen."
+        elif sources:
             stale = ", without the latest changes" if self._stale else ""
             source = f"decoded: as played from the stream{stale}.\ntrained: before baking, with all edits."
         options = "Seconds and background apply to movies, size to movies and plates."

@@ -14,6 +14,7 @@ from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.folder import ask_path
 from v3studio.pipelines.takes.authored.camera_paths import PATH_SUFFIXES, keys_in_take
+from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats.camera_path import CameraPath
 
@@ -43,7 +44,7 @@ class PathActions:
             return
         if self._done(lambda: self.editor.add(camera, player.transport.frame)):
             count = len(self.editor.keys)
-            player.notice = f"{count} view{'s' * (count != 1)} in the camera path"
+            self._notices.show(f"{counted(count, 'view')} in the camera path.", topic="path")
             if not self._layout.shows_path:
                 self.toggle()
 

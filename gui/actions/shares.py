@@ -42,7 +42,7 @@ class ShareActions:
         size = self._size()
         if size is None:
             return
-        words = share_words(size, form)
+        words = self._words(size, form)
         impossible = form == "single-file" and not size.single_file_possible
         if not self._notices.outcome(form, words if impossible else ""):
             return
@@ -118,7 +118,7 @@ class ShareActions:
             with self._notices.reporting("serve"):
                 serving.start(source, bool(https.checked))
 
-        go, words = dialogs.closing(start), share_words(size, "serve")
+        go, words = dialogs.closing(start), self._words(size, "serve")
         parts = [dialogs.label(words, dim=False), dialogs.label(PHONES_SERVE), *self._stale_parts(), https]
         answers = [("save", "Serve", go), ("close", "Cancel", dialogs.close)]
         dialogs.show("serve", "Serve to phones", parts, answers, 80, go)
@@ -168,6 +168,11 @@ class ShareActions:
         words = stale_words(workspace.assessment.stages.get("bake"), workspace.checked, bool(workspace.problem))
         label.text = in_lines(words or "The stream is up to date.", STALE_LINES)
         label.text_color = color(FAIR if words else DIM)
+
+    def _words(self, size: ShareSize, form: str) -> str:
+        """What is shared, and how large it is."""
+        words, other = share_words(size, form), self._player.shown_other
+        return words if other is None else f"{words}\nThis is the open take's stream, not {other.label} on the screen."
 
     def _size(self) -> ShareSize | None:
         """How large the share will be; None, and a message, if there is nothing to share."""

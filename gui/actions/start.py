@@ -14,6 +14,7 @@ from v3studio.gui.pages.start.panel import StartPanel
 from v3studio.pipelines.new_take import make_sample_take
 
 LOOK_EVERY = 0.25  # seconds between two looks at the files of the page
+DRAWS = 3  # of the panels before a dialog opens over them; the toolkit may drop one
 
 
 class StartScreen:
@@ -30,6 +31,7 @@ class StartScreen:
         self._open, self._command, self._changed = open_place, command, changed
         self._page.changed.connect(changed)
         self._asked = False
+        self._next: tuple[int, Callable[[], object]] | None = None  # draws to wait for, and what is then done
         self._timer = LOOP.every(LOOK_EVERY, self._look)
 
     @property
@@ -61,6 +63,24 @@ class StartScreen:
         was_shown, self._asked = self._asked and self._player.opened is not None, False
         self.update()
         return was_shown
+
+    def leave_for(self, action: Callable[[], object]) -> bool:
+        """Show the open take or stream again, and act once it is drawn: the toolkit would put what appears with it over
+        a dialog that opens with it. Returns whether the page was over it."""
+        left = self.hide()
+        self._next = (DRAWS, action) if left else None
+        return left
+
+    def drawn(self) -> bool:
+        """Note that the window is drawn; returns whether it is to be drawn again."""
+        if self._next is None:
+            return False
+        (left, action), self._next = self._next, None
+        if left:
+            self._next = left - 1, action
+        else:
+            action()
+        return True
 
     def toggle(self) -> None:
         """Show the page, or the open take or stream."""

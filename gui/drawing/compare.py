@@ -122,15 +122,30 @@ def heat(levels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(cv2.applyColorMap(scaled, cv2.COLORMAP_INFERNO)[..., ::-1])
 
 
+def mean_difference(left: np.ndarray, right: np.ndarray, background: Sequence[float]) -> float:
+    """The mean of `difference` over the pixels that show something in either image, so that it does not depend on how
+    much background is in view; 0.0 without any. `background`: its color, 0 to 1."""
+    empty = (np.round(255 * np.asarray(background)), np.array(GROUND))
+    differ = [[np.abs(image - color).max(2) > 1 for color in empty] for image in (left, right)]
+    shown = np.all(differ, axis=1).any(axis=0)
+    return float(difference(left, right)[shown].mean()) if shown.any() else 0.0
+
+
 def heat_map(
-    size: tuple[int, int], box: Box, left: np.ndarray, right: np.ndarray, names: tuple[str, str], text: int
+    size: tuple[int, int],
+    box: Box,
+    left: np.ndarray,
+    right: np.ndarray,
+    names: tuple[str, str],
+    text: int,
+    background: Sequence[float],
 ) -> np.ndarray:
-    """Draw a heat map of the difference, with a scale and the mean difference; `text`: size of labels, pixels."""
+    """Draw a heat map of the difference, with a scale and `mean_difference`; `text`: size of labels, pixels."""
     levels = difference(left, right)
     canvas = Canvas(*size)
     canvas.image(box.x, box.y, heat(levels))
-    pair, mean = f"{names[0]} and {names[1]}", f"mean {levels.mean():.2f}"
-    for words in (f"difference between {pair}: {mean} of 255 levels", f"{pair}: {mean} of 255", mean):
+    pair, mean = f"{names[0]} and {names[1]}", f"mean {mean_difference(left, right, background):.2f}"
+    for words in (f"difference between {pair}: {mean} of 255 levels on the performer", f"{pair}: {mean} of 255", mean):
         if text_width(words, text) <= size[0] - 2 * box.x - 32:
             break  # the longest that fits, so that the number is not truncated
     label(canvas, *_corner(box, text), words, size=text)

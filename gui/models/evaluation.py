@@ -34,6 +34,7 @@ class Evaluation:
     error: str = ""  # message if the file is damaged; "" otherwise
     # whether an earlier bake was evaluated: not the one that is there, or not the take as it is set now
     stale: bool = False
+    of: str = ""  # name of another bake or take whose figures they are; "" for the open one
 
     @classmethod
     def read(cls, path: Path, stale: bool = False) -> Evaluation:
@@ -87,6 +88,8 @@ class Evaluation:
             words, few = f"camera {camera}", f"camera {camera}" if camera.isdecimal() else camera
         else:
             words, few = (f"mean of {self.kind} cameras", f"{self.kind} mean") if self.frames else ("mean", "mean")
+        if self.of:
+            return self.of if briefly else f"{self.of}, {words}"
         if self.stale:  # more would not fit
             return f"{few if of_camera else 'mean'}, earlier" if briefly else f"{few}, earlier bake"
         return few if briefly else words

@@ -43,6 +43,11 @@ class StageView:
         self._asked: _Request | None = None
 
     @property
+    def doing(self) -> str:
+        """What is being done while an image is awaited."""
+        return "rendering"
+
+    @property
     def orbits(self) -> bool:
         """Whether drags orbit; such an image may be drawn smaller than the viewport, to stay fast."""
         return False

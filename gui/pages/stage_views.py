@@ -237,7 +237,8 @@ class StageViews:
         label: while the chosen one is being made, the old one is dimmed."""
         pixels = self._poll(size, render_size, em)
         right_frame = not self.shows_player or self.player.opened is None or self.player.current
-        return self._newest.update(pixels, self._wanted, right_frame, self._finished, self.message, size, em)
+        doing = "" if self._finished else self.on_screen.doing
+        return self._newest.update(pixels, self._wanted, right_frame, doing, self.message, size, em)
 
     @property
     def _wanted(self) -> object:
@@ -289,7 +290,8 @@ class StageViews:
     def message(self) -> str:
         """Message over the viewport; stage views draw their own messages."""
         if self.player.opened is None or self.stage_view is None:
-            return self.player.message
+            opening = self.player.opened is None and self.workspace.opening
+            return self.workspace.without_settings if opening else self.player.message
         return ""
 
     # Gestures of the mouse, see `gui.viewport`. Positions are pixels of the image

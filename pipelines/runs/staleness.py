@@ -10,6 +10,7 @@ from typing import cast
 
 from pydantic import JsonValue
 
+from v3studio.pipelines.config import Config
 from v3studio.pipelines.stages import STAGES, Stage
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params
@@ -20,6 +21,7 @@ from v3studio.pipelines.takes.results.records import StageRecord, on_disk, read_
 from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData
+from v3studio.studio.settings import Empty, field_named, marker
 
 EDIT_WORDS = {  # what the edits are called, by their name
     "trim": "the trim",
@@ -217,7 +219,7 @@ def _difference(name: str, before: Mapping[str, object], now: Mapping[str, objec
         return Reason(f"the {name} changed")
     if name.startswith(PREFIX):
         return Reason(_edit_change(name, before.get(name), now.get(name)))
-    return Reason(f"changed from {_short(before.get(name))} to {_short(now.get(name))}", setting=name)
+    return Reason(f"changed from {_short(before.get(name), name)} to {_short(now.get(name), name)}", setting=name)
 
 
 def _edit_change(name: str, before: object, now: object) -> str:
@@ -227,6 +229,9 @@ def _edit_change(name: str, before: object, now: object) -> str:
     return f"{what} {'were' if what.endswith('s') else 'was'} {verb}"
 
 
-def _short(value: object) -> str:
-    text = "null" if value is None else str(value)
+def _short(value: object, setting: str = "") -> str:
+    """A value in few words: that for no value, if the setting has one."""
+    field = field_named(Config, setting) if value in (None, [], {}, ()) else None
+    empty = marker(field, Empty) if field is not None else None
+    text = empty.text if empty is not None else "null" if value is None else str(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -24,6 +24,23 @@ class Running:
     stage: str | None = None  # the stage that is running; None before the first, and for commands without stages
     reason: str = ""  # why the stage runs, for example "bake.quality changed from 22 to 30"
     progress: Progress | None = None  # the last progress event of the stage; None if there is none yet
+    paused: bool = False  # whether its process is suspended, known on this machine only
+
+    @property
+    def left(self) -> str:
+        """The time left of the run, or "paused"; "" if it is not known."""
+        left = None if self.progress is None else self.progress.total_seconds_left
+        return "paused" if self.paused else "" if left is None else f"{duration(left)} left"
+
+
+def is_paused(pid: int) -> bool:
+    """Whether a process is suspended, by the window or by Ctrl-Z in a terminal."""
+    import psutil
+
+    try:
+        return bool(psutil.Process(pid).status() == psutil.STATUS_STOPPED)
+    except psutil.Error:
+        return False
 
 
 def running(take: Take) -> Running | None:
@@ -35,6 +52,7 @@ def running(take: Take) -> Running | None:
     host = holder.get("host")
     elsewhere = str(host) if host not in (None, socket.gethostname()) else None
     now = Running(pid if isinstance(pid, int) else None, str(holder.get("command", "v3studio")), elsewhere)
+    now = replace(now, paused=elsewhere is None and now.pid is not None and is_paused(now.pid))
     begun = started = progress = ""
     with contextlib.suppress(OSError), take.log.open(encoding="utf-8", errors="replace") as log:
         for line in log:  # the log of a long run has megabytes, of which few lines matter
@@ -52,19 +70,17 @@ def running(take: Take) -> Running | None:
 
 
 def progress(take: Take) -> tuple[str, str, float | None]:
-    """The progress of a run: words, such as "train 43%, 12 min 05 s left", with the time of the run, or "starting";
+    """The progress of a run: words, such as "train 43%, 12 min 05 s left" or "train 43%, paused", or "starting";
     the stage, "" before the first; and how much of the stage is done, 0 to 1, or None if it has not reported yet."""
     try:
         now = running(take)
     except OSError as error:  # the list of takes shows the others
         return f"cannot be read ({reason_of(error)})", "", None
     if now is None or now.stage is None:
-        return "starting", "", None
-    if now.progress is None:
-        return now.stage, now.stage, None
-    left = now.progress.total_seconds_left
-    words = f"{now.stage} {now.progress.fraction:.0%}{'' if left is None else f', {duration(left)} left'}"
-    return words, now.stage, now.progress.fraction
+        return "paused" if now is not None and now.paused else "starting", "", None
+    fraction = None if now.progress is None else now.progress.fraction
+    words = now.stage if fraction is None else f"{now.stage} {fraction:.0%}"
+    return ", ".join(filter(None, (words, now.left))), now.stage, fraction
 
 
 _COLORS = {
@@ -96,8 +112,7 @@ def print_status(take: Take, config: Config) -> None:
     for sentence in checked_cameras(take).sentences:
         screen.print(sentence, markup=False)
     if now is not None:
-        total = None if now.progress is None else now.progress.total_seconds_left
-        left = "" if total is None else f", about {duration(total)} left"
+        left = f", {now.left}" if now.left else ""
         process = "" if now.pid is None else f"process {now.pid}{f' on {now.host}' if now.host else ''}, "
         screen.print(f"run in progress: {process}{now.command}{left}", markup=False)
 
@@ -107,7 +122,7 @@ def _running(now: Running) -> tuple[str, str, str]:
     progress = now.progress
     if progress is None:
         return "", "", escaped(now.reason)
-    left = "" if progress.seconds_left is None else f"{duration(progress.seconds_left)} left"
+    left = "" if progress.seconds_left is None or now.paused else f"{duration(progress.seconds_left)} left"
     return f"{progress.fraction:.0%}", left, escaped(progress.label or now.reason)
 
 
@@ -117,7 +132,9 @@ def status_values(take: Take, config: Config) -> dict[str, JsonData]:
     now = running(take)
     if now is None:
         return {"take": str(take.root), "running": None, "stages": stages}
-    about: dict[str, JsonData] = {name: getattr(now, name) for name in ("pid", "host", "command", "stage", "reason")}
+    about: dict[str, JsonData] = {
+        name: getattr(now, name) for name in ("pid", "host", "command", "stage", "reason", "paused")
+    }
     about["host"] = now.host or socket.gethostname()
     if now.progress is not None:
         names = ("fraction", "seconds_left", "total_seconds_left", "label")

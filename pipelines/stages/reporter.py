@@ -22,9 +22,9 @@ seconds than these, nor half of all, are taken for warming up."""
 
 _LEAST_SECONDS = 10.0  # seconds of a stage, and of a run, before which the time left is unknown in any case
 
-_LEAST_SHARE = 0.03
-"""Least share of a run, by the weights of its stages, from which the time left of the whole is estimated: the first
-stages are short, and how they compare to training differs with footage and machine."""
+_LEAST_SHARE = 0.1
+"""Least share of a run, by the weights of its stages, from which the time left of the whole is estimated: how the first
+stages compare to training differs 15-fold with footage, masks and machine, so training itself must have begun."""
 
 _SHARE = 0.1
 """Time constant of corrections as a share of the time left: a correction is mostly made after a tenth of the rest."""
@@ -119,10 +119,13 @@ class StageReporter:
                 total_left = self.run.at(now)
             if total_left is not None:
                 self.total_fraction = max(self.total_fraction, min(1.0, spent / max(spent + total_left, 1e-9)))
+        self._tell(left, total_left, label, figures)
+
+    def _tell(self, left: float | None, total_left: float | None, label: str, figures: Mapping[str, JsonData]) -> None:
         self.emit(
             Progress(
                 stage=self.stage,
-                fraction=fraction,
+                fraction=self._fraction,
                 total_fraction=self.total_fraction,
                 seconds_left=left,
                 total_seconds_left=total_left,
@@ -162,10 +165,15 @@ class StageReporter:
         return report
 
     def counting(self, label: str) -> ProgressFn:
-        """A progress callback for what is done before the clock starts, in words: "LABEL 3 of 20"."""
+        """A progress callback for what is done before the clock starts or after its end, in words: "LABEL 3 of 20"."""
 
         def report(done: int, total: int, **figures: JsonData) -> None:
-            self.progress(0.0, f"{label} {done} of {total}", **figures)
+            self.check()
+            with self._lock:
+                now = self.clock()
+                if now - self._last >= _LEAST_PAUSE:
+                    self._last = now
+                    self._tell(None, self.run.at(now), f"{label} {done} of {total}", figures)
 
         return report
 

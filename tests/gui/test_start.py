@@ -244,3 +244,10 @@ def test_a_take_that_fails_does_not_stop_the_next_one_of_the_queue(window: Runni
     wait_until("the end of the program", lambda: not file.is_run())
     queue.press("retry", row=0)
     queue.shows("3   take   done", "2   broken   waiting")
+
+
+def test_a_command_that_is_found_on_the_page_shows_its_dialog(page: RunningWindow) -> None:
+    page.chord("k", until=("the list", lambda s: s["dialog"] == "commands" and s["typing"]))
+    page.enter_text("dialog line", "export")
+    page.key("Return", until=("the options", lambda s: s["dialog"] == "export" and s["typing"]))
+    wait_until("them on the screen", lambda: page.pixels("dialog save").max() > 200)

@@ -136,7 +136,8 @@ class FrameRenderer:
             image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)
         else:
             pair = (shown[0], shown[1])
-            image = compare.heat_map(request.size, where[0], images[0], images[1], pair, request.text)
+            seen = (pair, request.text, request.background)
+            image = compare.heat_map(request.size, where[0], images[0], images[1], *seen)
         if request.place is not None:
             image = image.copy()
             for box in where:

@@ -1,6 +1,7 @@
 """OtherSource: another bake or another take, shown at the times of the open take or stream, to compare the two."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from v3studio.gui.drawing.compare import What
@@ -29,12 +30,12 @@ def shown_beside(names: Sequence[str], camera: str) -> tuple[str, ...]:
 
 class OtherSource:
     """Frames of another source, by time: each frame of the open take or stream shows the other's frame of the same
-    second, and after the other's end its last one."""
+    second, and after the other's end its last one. `place`: the folder of the take or stream."""
 
     name: str = What.OTHER
 
-    def __init__(self, source: FrameSource, label: str, evaluation: Evaluation) -> None:
-        self._source, self.label, self._evaluation = source, label, evaluation
+    def __init__(self, source: FrameSource, label: str, evaluation: Evaluation, place: Path) -> None:
+        self._source, self.label, self._evaluation, self.place = source, label, evaluation, place
         self.frame_count, self.fps = source.frame_count, source.fps
         self.group_starts: Sequence[int] = source.group_starts
 
@@ -48,6 +49,19 @@ class OtherSource:
 
     def gaussians(self, frame: int) -> Gaussians:
         return self._source.gaussians(self.frame_of(frame))
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """Its figures, by the frames of the open take or stream."""
+        frames = ((frame, self._evaluation.frames.get(self.frame_of(frame))) for frame in range(self.frame_count))
+        known = {frame: quality for frame, quality in frames if quality is not None}
+        return replace(self._evaluation, frames=known, of=self.label)
+
+    @property
+    def exported(self) -> tuple[Path, str]:
+        """The folder to export, that of a take if it is in one, and which of its splats."""
+        take = next((folder for folder in (self.place, self.place.parent) if (folder / "take.json").is_file()), None)
+        return (self.place, "") if take is None else (take, self._source.name)
 
     def series(self, name: str, camera: str = "") -> list[float | None]:
         """A metric, or "bytes", for every frame of the open take or stream; None where it was not measured."""
@@ -81,4 +95,4 @@ def open_other(place: Path, label: str = "", evaluation: Path | None = None, in_
     if evaluation is None and opened.take is not None and not measured_earlier_bake(opened.take):
         evaluation = opened.take.evaluation
     measured = Evaluation.read(evaluation) if evaluation is not None else Evaluation()
-    return OtherSource(source, label or opened.title, measured)
+    return OtherSource(source, label or opened.title, measured, place)

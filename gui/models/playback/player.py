@@ -58,7 +58,6 @@ class PlayerPresenter(Viewpoint):
         self.wipe = 0.5
         self.transport = Transport(1, FALLBACK_FPS, now=now)
         self.picture: Picture | None = None
-        self.notice = ""
         self.on_screen = True  # whether the viewport shows the player
         self.audio: StreamAudio | None = None  # the sound of the open stream; None if it has none
         self._left_out: tuple[int, str] | None = None
@@ -101,6 +100,11 @@ class PlayerPresenter(Viewpoint):
     def other(self) -> OtherSource | None:
         """The other bake or take that comparisons are against; None if there is none."""
         return self.others[0] if self.others else None
+
+    @property
+    def shown_other(self) -> OtherSource | None:
+        """The other bake or take if it alone is on screen, so that figures and exports are its."""
+        return self.other if self.what == What.OTHER and self.mode in ALONE else None
 
     def compare_with(self, other: OtherSource | None) -> None:
         """Compare with another bake or take, in a wipe unless another comparison is on screen; None to stop. Side by
@@ -372,6 +376,12 @@ class PlayerPresenter(Viewpoint):
         return self.picture
 
     @property
+    def doing(self) -> str:
+        """What is being done while an image is awaited."""
+        request = self._request()
+        return "finding the masks of this frame" if request and What.FOOTAGE in request.names else "rendering"
+
+    @property
     def settled(self) -> bool:
         """Whether the newest image shows what was last requested."""
         return self._worker.idle
@@ -396,14 +406,12 @@ class PlayerPresenter(Viewpoint):
         other = self.other
         parts = [other.label] if self.what == What.OTHER and self.mode == Mode.SINGLE and other is not None else []
         if not self.current:
-            parts.append("not shown" if self.settled else "rendering")
+            parts.append("not shown" if self.settled else self.doing)
         count = len(self.left_out)
         if count:
             parts.append(f"{count} damaged group{'s' * (count != 1)} skipped")
         if self.audio is not None and self.audio.message:
             parts.append(self.audio.message)
-        if self.notice:
-            parts.append(self.notice)
         return "   ".join(parts)
 
     def close(self) -> bool:

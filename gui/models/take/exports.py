@@ -69,6 +69,10 @@ class ExportRequest(NamedTarget):
         return f"{self.title}-{self.of or 'stream'}-{self.kind}{part}{FORMATS[self.kind][1] or suffix}"
 
     @property
+    def ending(self) -> str | None:
+        return FORMATS[self.kind][1] if self.kind in (*MOVIES, "v3") else None
+
+    @property
     def chosen(self) -> range | None:
         """The chosen frames; None for all."""
         return None if self.kind in WHOLE else self.ranges[self.frames]
@@ -117,6 +121,11 @@ class Exports(Commands):
         self._notes = ""
 
     @property
+    def does(self) -> str:
+        """What the last one was, "export" or "share"."""
+        return self.request.does.lower() if self.request is not None else "export"
+
+    @property
     def words(self) -> str:
         """Progress of the running export; "" if none is running."""
         return self.progress if self.running else ""
@@ -155,7 +164,7 @@ class Exports(Commands):
     def _begin(self, request: NamedTarget, arguments: list[str], scratch: Path | None = None) -> None:
         self._run(arguments, scratch)
         self.request, self._target, self._stopping, self._notes = request, request.path, False, ""
-        self.progress, self.result = f"{request.does.lower()}: starting", ""
+        self.progress, self.result = f"{self.does}: starting", ""
 
     def _keys(self, request: ExportRequest) -> list[Key]:
         """The camera path, in the frames and the world of the export."""

@@ -17,11 +17,16 @@ from v3studio.gui.models.take.run_state import percent
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.reports.terminal import duration
 from v3studio.pipelines.takes.results.summaries import summary_words
-from v3studio.studio.comparison.metrics import EVALUATED, FLICKER, MAIN
+from v3studio.studio.comparison.metrics import EVALUATED, FLICKER, MAIN, OUTLINE
 from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError
 
 Row = tuple[str, str]
+
+OVER = (
+    "PSNR: the box around the performer, with the background in it. Interior: the performer without their outline; "
+    f"outline: {OUTLINE:g} pixels to both sides of it."
+)
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,8 @@ def note_on_figures(player: PlayerPresenter, there: bool, stale: bool) -> str:
     except StudioError:  # reported where the edits are shown
         edits = EditList()
     if there:
-        return "PSNR is lower where the footage shows what was removed." if edits.regions and not stale else ""
+        removes = not stale and (edits.regions or edits.crop or edits.floaters or edits.ground)
+        return OVER + " PSNR is lower where the footage shows what the edits removed." * bool(removes)
     trimmed = edits.trim is not None and not edits.trim.holds(player.transport.number(player.frame))
     return "Trimmed off." if trimmed else "Not evaluated yet."
 

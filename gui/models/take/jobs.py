@@ -214,11 +214,3 @@ def pause_process(pid: int, pause: bool) -> bool:
     except psutil.Error:
         return False
     return True
-
-
-def is_paused(pid: int) -> bool:
-    """Whether a process is suspended, by `pause_process` or by Ctrl-Z in a terminal."""
-    try:
-        return bool(psutil.Process(pid).status() == psutil.STATUS_STOPPED)
-    except psutil.Error:
-        return False

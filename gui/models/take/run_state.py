@@ -16,6 +16,7 @@ from v3studio.pipelines.takes.results.summaries import summary_words
 LOG_LINES = 2000
 _ENDED = {"": "Run ended", "done": "Run finished", "failed": "Run failed", "cancelled": "Run cancelled"}  # by outcome
 CURVE_POINTS = 4000
+SILENT = 10.0  # seconds without progress after which the time that the step takes is told
 
 
 class Outcome(StrEnum):
@@ -80,6 +81,7 @@ class RunState:
     changes: int = 0  # incremented with every event
     _trained: float = 0.0
     _now: float = 0.0
+    heard: float = 0.0  # when the stage last told of its progress, by `time.monotonic`
     results: int = 0  # incremented when the take has new results: a frame, a group, a stage
 
     def followed(self) -> RunState:
@@ -101,11 +103,11 @@ class RunState:
             todo = ", ".join(map(stage_name, event.stages)) or "nothing to do, everything is up to date"
             self._say(f"Run started: {todo}")
         elif isinstance(event, events.StageStarted):
-            self.stage, self.progress = event.stage, None
+            self.stage, self.progress, self.heard = event.stage, None, time.monotonic()
             self.failed.pop(event.stage, None)
             self._say(f"{stage_name(event.stage)}: started{f' ({event.reason})' if event.reason else ''}")
         elif isinstance(event, events.Progress):
-            self.progress = event
+            self.progress, self.heard = event, time.monotonic()
             if event.stage == "train":
                 self._train_figures(event)
         elif isinstance(event, events.Metrics):
@@ -174,16 +176,17 @@ class RunState:
                 self.curves.setdefault(name, {}).setdefault(group, Curve()).add(event.fraction, float(value))
 
     def stage_words(self) -> str:
-        """ "42%, 3 min 05 s left" for the running stage, "1%, estimating" at first; "" if none runs."""
+        """ "42%, 3 min 05 s left" for the running stage; the step while the time left is not known, and for how long it
+        has been at it if it should be over by now. "" if none runs."""
         if not self.stage:
             return ""
-        if self.progress is None:
-            return "starting"
-        left = self.progress.seconds_left
-        words = percent(self.progress.fraction)
-        if left is None:
-            return f"{words}, estimating"
-        return f"{words}, {duration(left)} left" if left >= 1 else words
+        quiet, left = time.monotonic() - self.heard, self.progress and self.progress.seconds_left
+        words = percent(self.progress.fraction) if self.progress is not None else "starting"
+        if quiet > SILENT + (left or 0.0):
+            return f"{words}, at this step for {duration(quiet)}"
+        if self.progress is None or left is not None:
+            return f"{words}, {duration(left)} left" if left and left >= 1 else words
+        return f"{words}, {self.progress.label or 'estimating'}"
 
 
 def percent(fraction: float) -> str:

@@ -15,6 +15,9 @@ FORMS: dict[str, tuple[str, str]] = {  # label, and what the name of the file or
     "single-file": ("Single HTML file", ".html"),
 }
 
+FILE_ENDINGS = (".html", ".htm")
+"""Names that `v3studio share` takes for those of single files."""
+
 PHONES = {  # what viewers need
     "folder": "Upload the folder to any web server, under any path.\n"
     "Phones decode fastest, and check what they receive, from https:// addresses.",
@@ -50,9 +53,17 @@ class NamedTarget:
         return self._target or str(self.folder / self.usual_name)
 
     @property
+    def ending(self) -> str | None:
+        """What the name of a file must end in; "" for a folder; None: anything."""
+        return None
+
+    @property
     def path(self) -> Path:
-        """`target`, absolute."""
-        return Path(self.target.strip()).expanduser().absolute()
+        """`target`, absolute, with `ending`: by its name, the command tells a file from a folder."""
+        path, ending = Path(self.target.strip()).expanduser().absolute(), self.ending
+        if ending:
+            return path if path.suffix.lower() == ending else path.with_name(path.name + ending)
+        return path.with_suffix("") if ending == "" and path.suffix.lower() in FILE_ENDINGS else path
 
     def set_target(self, text: str) -> None:
         self._target = "" if text.strip() == self.target else text
@@ -85,6 +96,10 @@ class ShareRequest(NamedTarget):
     def usual_name(self) -> str:
         """Named after what is shared."""
         return f"{self.name}{FORMS[self.form][1]}"
+
+    @property
+    def ending(self) -> str | None:
+        return ".html" if self.form == "single-file" else ""
 
     def arguments(self) -> list[str]:
         """Arguments of `v3studio share`."""

@@ -15,8 +15,8 @@ from v3studio.gui.models.history import Change, History
 from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from v3studio.gui.models.stages import Inputs
-from v3studio.gui.models.take.jobs import Job, is_paused, pause_process, stop_process
-from v3studio.gui.models.take.page_words import setting_words, why_not_done
+from v3studio.gui.models.take.jobs import Job, pause_process, stop_process
+from v3studio.gui.models.take.page_words import setting_words, value_words, why_not_done
 from v3studio.gui.models.take.run_state import Outcome, RunState
 from v3studio.gui.models.take.settings import setting_value
 from v3studio.gui.models.worker import Done, LatestWorker
@@ -24,13 +24,13 @@ from v3studio.pipelines.config import Config, load_config
 from v3studio.pipelines.events import Finished
 from v3studio.pipelines.events.event_log import LogFollower
 from v3studio.pipelines.reports.terminal import duration
+from v3studio.pipelines.runs.status import is_paused
 from v3studio.pipelines.takes.cancel_request import request_cancel
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.files.settings_file import save_config
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import StudioError
 from v3studio.studio.settings import OVERRIDES
-from v3studio.studio.yaml_text import inline_yaml
 
 LOOK_EVERY = 0.5  # seconds between two scans of the take's folder
 ASSESS_EVERY = 30.0  # seconds after which the stages are reassessed even without a visible change
@@ -192,7 +192,7 @@ class Workspace:
             return
         if self.job is None:
             is_new, events = self._follower.poll()
-            if is_new and events:
+            if is_new:  # maybe empty as yet
                 self.run = self.run.followed()
             for event in events:
                 self.run.apply(event)
@@ -339,6 +339,7 @@ class Workspace:
             self.refused.emit(f"The run is on another machine ({host}); pause it there.")
             return
         if pause_process(pid, not self.paused):
+            self.run.heard = time.monotonic()
             self.paused = not self.paused  # takes effect with a delay; `_look` reads the actual state
         else:
             self.refused.emit(f"Cannot pause the run (process {pid}) from here. Pause it where it was started.")
@@ -365,7 +366,7 @@ class Workspace:
         if before is not None and now is not None and now != before:
             old, new = ({name: setting_value(config, name) for name in values} for config in (before, now))
             changes = [
-                f"{setting_words(name)} from {inline_yaml(old[name])} to {inline_yaml(new[name])}" for name in new
+                f"{setting_words(name)} from {value_words(name, before)} to {value_words(name, now)}" for name in values
             ]
             words = words or f"the change of {', '.join(changes)}"
             self.history.add(Change(words, partial(self.write_settings, old), partial(self.write_settings, new)))

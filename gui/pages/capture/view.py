@@ -52,11 +52,19 @@ class CaptureView(StageView):
         self.footage_check = FootageCheck()
         self.garbage = GarbageDrawing(workspace)
         self.image_at: tuple[str, Magnifier] | None = None
+        self._at = ""  # how far the image is drawn
+
+    @property
+    def doing(self) -> str:
+        what = "reading the footage" if self.mode == ViewMode.AS_FILMED else "finding masks"
+        return f"{what}: {self._at}" if self._at else what
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """The files that were found, and how they are read."""
-        return [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
+        """The files that were found, how they are read, and what is shown instead of masks."""
+        footage = [] if self._reduced is None else [Block("Footage", [], self._reduced.footage.description)]
+        own = "Each camera's own, before they agree: not the masks that training uses."
+        return [Block("Evidence", [], own), *footage] if self.mode == ViewMode.EVIDENCE else footage
 
     def state(self) -> Hashable:
         """The capture settings, the frame, the mode, the result of the check."""
@@ -109,6 +117,7 @@ class CaptureView(StageView):
 
     def forget(self) -> None:
         self._reduced = None
+        self.footage_check.words, self.footage_check.problems = "", ()
 
     def _thumbnails(self, canvas: Canvas, opened: _Reduced, frame: int, height: float) -> None:
         footage = opened.footage
@@ -121,7 +130,8 @@ class CaptureView(StageView):
         wide, high = footage.raw_size(names[0])
         below = self._small + 8  # of the names
         cells = boxes((canvas.width, round(height)), len(names), wide / high, below)
-        for name, box in zip(names, cells, strict=True):
+        for number, (name, box) in enumerate(zip(names, cells, strict=True), start=1):
+            self._at = f"camera {number} of {len(names)}"
             x, y, width, room = box.x, box.y, box.width, box.height - below
             held_out = name in footage.held_out_cameras
             if not draws:  # then clicks are corners

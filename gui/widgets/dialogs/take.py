@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from open3d.visualization import gui
@@ -27,6 +28,8 @@ TEXT_SIZE = 0.88  # of a font of `gui.drawing` that is as wide as that of the to
 SIZE = 58, 11, 27.7  # width and height of the image, and height of the rest of the dialog, em
 
 HINT = "Click a camera to hold it out; again: not to use it. Drag across the frames to use some of them."
+
+CHOOSE = Found("Choose the footage folder.")
 
 
 class NewTakeDialog:
@@ -106,9 +109,15 @@ class NewTakeDialog:
     def _field(self, attribute: str) -> gui.TextEdit:
         edit = gui.TextEdit()
         edit.text_value = getattr(self._new, attribute)
-        edit.set_on_text_changed(lambda text: setattr(self._new, attribute, text))
+        edit.set_on_text_changed(partial(self._type, attribute))
         edit.set_on_value_changed(lambda _text: self._look())
         return edit
+
+    def _type(self, attribute: str, text: str) -> None:
+        setattr(self._new, attribute, text)
+        if self._found == CHOOSE and text.strip():  # what is typed has a file name at each letter
+            self._found = Found("Enter examines it.")
+            self._update()
 
     def _browse(self, attribute: str, title: str, wanted: str) -> Callable[[], None]:
         new = self._new
@@ -146,7 +155,7 @@ class NewTakeDialog:
         if wanted != self._asked:
             self._asked = wanted
             if not wanted.footage.strip() and not wanted.settings.strip():
-                self._found = Found("Choose the footage folder.")
+                self._found = CHOOSE
             else:
                 self._found, self._words = Found(""), "Examining the footage ..."
                 self._worker.ask(wanted)
@@ -162,7 +171,7 @@ class NewTakeDialog:
 
     def _tell(self, wanted: NewTake, done: int, total: int) -> None:
         if self._asked is wanted and self._dialogs.name == NAME:
-            self._words = f"Examining the footage: {done} of {total} images"
+            self._words = f"Examining the footage: {done / max(total, 1):.0%}"
             self._update()
 
     def _examined(self, done: Done[NewTake, Found]) -> None:

@@ -28,11 +28,14 @@ def footage_check(
     from v3studio.studio.footage import check_footage
     from v3studio.studio.footage.checks import ColorDrift
 
-    ended, drift = Cancellation(), ColorDrift()
+    ended, drift, trained = Cancellation(), ColorDrift(), False
+    counting = reporter.counting("checking the footage: image")
 
     def report(done: int, total: int, **figures: Any) -> None:
         reporter.check()
         ended.check()
+        if trained:  # the stage waits for it
+            counting(done, total)
 
     def check() -> list[Message]:
         try:
@@ -52,6 +55,7 @@ def footage_check(
         checking = pool.submit(check)
         try:
             yield
+            trained = True
         except BaseException as error:
             refused = isinstance(error, StudioError)
             if not refused:  # else the other problems are wanted

@@ -10,11 +10,15 @@ from v3studio.pipelines.takes.take import Take
 
 
 def test_bakes_are_kept_on_a_thread(workspace: Workspace, take_copy: Path) -> None:
-    take, notices = Take.open(take_copy), Notices()
+    take, notices, dialogs = Take.open(take_copy), Notices(), MagicMock()
+    dialogs.list_of.return_value.selected_index = -1
     workspace.open(take)
-    bakes = BakeActions(MagicMock(), workspace, MagicMock(), MagicMock(), notices, lambda: None)
+    bakes = BakeActions(MagicMock(other=None), workspace, MagicMock(), dialogs, notices, lambda: None)
     bakes.keep(take, "fine")
     wait_in_loop("the bake", lambda: "'fine'" in notices.text)
+    bakes.show()
+    message = dialogs.label.return_value
+    assert message.text.strip() == "", "it was kept before the dialog was opened"
     (row,) = bakes.rows
     assert (row.name, row.is_stream) == ("fine", True)
     assert "dB" in bake_words(row)

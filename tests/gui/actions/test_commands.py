@@ -36,8 +36,11 @@ def test_a_held_key_that_switches_acts_once(name: str) -> None:
     ],
 )
 def test_a_command_says_why_it_is_not_possible(item: str, opened: Any, why: str) -> None:
-    do = actions(player=SimpleNamespace(opened=opened), marks=SimpleNamespace(marks=Marks()))
+    workspace = SimpleNamespace(opening="")
+    do = actions(player=SimpleNamespace(opened=opened), marks=SimpleNamespace(marks=Marks()), workspace=workspace)
     assert do.why_not(ITEMS[item]) == why
+    workspace.opening = "walk"
+    assert "walk" in do.why_not(ITEMS["reset"]) or opened, "it is about to be open"
 
 
 def test_every_command_acts_on_a_group_of_actions() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from v3studio.gui.actions.marks import MarkActions
+from v3studio.gui.actions.marks import MarkActions, show_view, view_of
 from v3studio.gui.models.history import History
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.notices import Notices
@@ -51,6 +51,13 @@ def test_a_mark_stays_with_the_footage_when_the_take_begins_later(marking: Marki
     marking.player.transport.numbers = FrameNumbers((64,))
     marking.actions.go_to_next(-1)
     assert "does not have frame 63" in marking.notices.text
+
+
+def test_going_to_a_mark_leaves_the_heat_map_on(player: PlayerPresenter) -> None:
+    player.look_through("cam4")
+    player.choose_mode("difference")
+    show_view(player, view_of(player))
+    assert player.mode == "difference"
 
 
 @pytest.mark.parametrize("answer", ["save", "remove"])

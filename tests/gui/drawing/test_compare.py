@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tests.support.rigs import camera_at
+from v3studio.gui.drawing.compare import mean_difference
 from v3studio.gui.models.playback.frame_renderer import faded
 from v3studio.gui.models.playback.image_zoom import ImageZoom
 from v3studio.studio.cameras import Camera
@@ -45,3 +46,17 @@ def test_views_from_where_nothing_was_filmed_are_faded() -> None:
     assert back[-1, -1].tolist() == [20, 20, 250], "a tenth of the picture over the background"
     assert len(np.unique(back.reshape(-1, 3), axis=0)) > 2, "and a word"
     assert (picture == 200).all(), "the drawing itself is kept"
+
+
+def test_the_mean_difference_does_not_depend_on_the_background_in_view() -> None:
+    left = np.full((8, 8, 3), 90, np.uint8)
+    left[:4] = 100
+    right = np.full((8, 8, 3), 90, np.uint8)
+    background = (0.08, 0.09, 0.1)
+    around = np.round(255 * np.array(background)).astype(np.uint8)
+    alone = mean_difference(left, right, background)
+    assert alone == 5
+    wide = [np.broadcast_to(around, (40, 40, 3)).copy() for _ in range(2)]
+    for picture, image in zip(wide, (left, right), strict=True):
+        picture[3:11, 5:13] = image
+    assert mean_difference(*wide, background) == alone

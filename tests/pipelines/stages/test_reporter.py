@@ -115,7 +115,19 @@ def test_warming_up_is_not_taken_for_the_pace() -> None:
 
 
 def test_a_short_first_stage_does_not_foretell_the_run() -> None:
-    rows = warming_up(1, 99)
+    rows = warming_up(7, 93)
     assert all(event.total_seconds_left is None for _, event in rows)
     fractions = [event.total_fraction for _, event in rows]
     assert fractions == sorted(fractions)
+
+
+def test_counting_tells_no_time_left() -> None:
+    now, events = [0.0], []
+    reporter = StageReporter("train", events.append, clock=lambda: now[0])
+    for step in range(1, 100):
+        now[0] += 1
+        reporter.progress(step / 100)
+    assert events[-1].seconds_left is not None
+    now[0] += 1
+    reporter.counting("checking image")(3, 20)
+    assert (events[-1].fraction, events[-1].seconds_left, events[-1].label) == (0.99, None, "checking image 3 of 20")

@@ -1,10 +1,18 @@
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
 
 from tests.support.players import settle
+from v3studio.gui.actions.output import OutputActions
 from v3studio.gui.drawing.compare import Mode, What
+from v3studio.gui.figures import QualityFigures
 from v3studio.gui.models.playback.other_source import open_other
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.playback.timeline_plots import plots_of
+from v3studio.gui.models.take.exports import ExportRequest
+from v3studio.gui.models.take.workspace import Workspace
+from v3studio.pipelines.takes.take import Take
 
 
 def test_up_to_four_are_side_by_side_and_a_key_goes_back_and_forth(
@@ -43,3 +51,27 @@ def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished: Path,
     psnr, size = plots_of({"psnr_decoded": [30.0] * 5, "bytes": [1000.0] * 5}, other={"bytes": [4000.0] * 5})
     assert size.range[1] > 4.0, "the axis covers both"
     assert psnr.range[0] < 30 < psnr.range[1]
+
+
+def test_the_figures_and_the_export_are_those_of_what_is_on_the_screen(
+    player: PlayerPresenter, finished: Path, workspace: Workspace
+) -> None:
+    player.compare_with(open_other(finished / "take", "older"))
+    views: Any = SimpleNamespace(shows_player=True)
+    timeline: Any = SimpleNamespace()
+    workspace.take = Take.open(finished / "take")
+    quality = QualityFigures(player, workspace, views, timeline)
+    dialogs, exports = MagicMock(em=16), MagicMock()
+    outputs = OutputActions(player, workspace, MagicMock(), exports, dialogs, MagicMock())
+    asked: list[ExportRequest] = []
+    outputs._ask_export = lambda request, sources: asked.append(request)  # type: ignore[method-assign, misc]
+    for choose, of in ((lambda: player.choose("decoded"), ""), (player.exchange, "older"), (player.exchange, "")):
+        choose()
+        player.choose_mode(Mode.SINGLE)
+        quality.update()
+        assert quality.evaluation.of == of
+        assert quality.evaluation.frames
+        outputs.export()
+        assert of in asked[-1].title
+        assert (player.shown_other is not None) == bool(of)
+    assert player.other.exported == (finished / "take", "decoded")

@@ -1,7 +1,9 @@
 import pytest
 
+from v3studio.gui.models.take.page_words import value_words
 from v3studio.gui.models.take.settings import SECTIONS, SettingField, fields_of
 from v3studio.pipelines.config import load_config
+from v3studio.pipelines.runs.staleness import differences
 
 OPTIONAL = [field for stage in SECTIONS for field in fields_of(stage) if field.nullable]
 
@@ -64,3 +66,9 @@ def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     assert dropout.stepped("a lot", 1) is None
     assert dropout.stepped("nan", 1) is None
     assert fields["train.max_splats"].stepped("1000", 1) is None
+
+
+def test_no_value_is_told_in_the_word_of_its_setting() -> None:
+    assert value_words("capture.frames", load_config(None, [])) == "all"
+    (reason,) = differences({"capture.frames": None}, {"capture.frames": "2:30"})
+    assert reason.words == "changed from all to 2:30"

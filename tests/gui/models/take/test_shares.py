@@ -23,6 +23,11 @@ def test_a_request_becomes_the_command_line(tmp_path: Path) -> None:
     share.set_target(str(tmp_path / "mine.html"))
     share.move_to(tmp_path / "deep")
     assert share.path == tmp_path / "deep" / "mine.html"
+    share.set_target(str(tmp_path / "mine.v2"))
+    assert share.path == tmp_path / "mine.v2.html", "else the command writes a folder"
+    share.form = "folder"
+    share.set_target(str(tmp_path / "mine.html"))
+    assert share.path == tmp_path / "mine", "else the command writes a file"
 
 
 def test_serving_tells_its_address_and_ends(stream_folder: Path) -> None:

@@ -172,3 +172,34 @@ def test_a_run_in_a_terminal_shows_up_can_be_stopped_and_gone_on_with(
     wait_in_loop("crashed", lambda: not workspace.busy)
     assert states(workspace)["train"] == "failed"
     assert "SIGKILL" in workspace.row("train").detail
+
+
+def test_a_step_that_takes_longer_than_its_estimate_tells_for_how_long() -> None:
+    run = RunState()
+    run.apply(StageStarted(stage="train", reason=""))
+    assert run.stage_words() == "starting"
+    run.heard -= 330
+    assert "5 min 30 s" in run.stage_words()
+    run.apply(Progress(stage="train", fraction=0.99, seconds_left=1.2))
+    assert run.stage_words() == "99%, 1.2 s left"
+    run.heard -= 190
+    assert "left" not in run.stage_words()
+    assert "3 min 10 s" in run.stage_words()
+    run.apply(Progress(stage="train", fraction=0.99, label="checking image 3 of 20"))
+    assert run.stage_words() == "99%, checking image 3 of 20"
+
+
+def test_stages_that_a_run_elsewhere_will_run_are_not_done(workspace: Workspace, take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    workspace.open(take)
+    wait_in_loop("assessed", lambda: states(workspace) == dict.fromkeys(TITLES, "done"))
+    assert "evaluate" in workspace.run.finished, "by the last run"
+    with take.locked("v3studio run"):
+        take.log.unlink()  # a run begins an empty log, and writes its first line later
+        take.log.touch()
+        workspace._look()
+        run = RunStarted(take="take", stages=("train", "bake", "evaluate"), done=(), pid=os.getpid(), version="1")
+        take.log.write_text(f"{run.to_json()}\n{StageStarted(stage='train', reason='').to_json()}\n")
+        workspace._look()
+        shown = states(workspace)
+        assert (shown["train"], shown["bake"], shown["review"]) == ("running", "waiting", "waiting")

@@ -31,6 +31,8 @@ def test_a_running_take_is_measured_now_and_then(take_copy: Path, monkeypatch: p
         before = describe(str(take_copy))
         (take_copy / "new").write_bytes(bytes(1000))
         assert describe(str(take_copy)) == before
+        monkeypatch.setattr("v3studio.pipelines.runs.status.is_paused", lambda pid: pid == os.getpid())
+        assert describe(str(take_copy)).words == "paused"
     assert describe(str(take_copy)).total_bytes == folder_bytes(take_copy)
 
 
