@@ -9,6 +9,7 @@ from pathlib import Path
 from v3studio.gui.models.stage_rows import message_text
 from v3studio.pipelines.takes.results.evaluation import FrameQuality, Quality, read_evaluation
 from v3studio.studio.comparison.metrics import MAIN
+from v3studio.studio.counts import listed
 from v3studio.studio.errors import StudioError
 
 DECODED = f"{MAIN.name}_decoded"
@@ -100,7 +101,7 @@ class Evaluation:
         if not self.frames:
             return ""
         return (
-            f"PSNR in dB, higher is better: mean over the {self.kind} cameras {', '.join(self.cameras)}.\n"
+            f"PSNR in dB, higher is better: mean over the {self.kind} cameras {listed(list(self.cameras))}.\n"
             "KB per frame (1 KB = 1000 bytes): size of the frame's group divided by its number of frames.\n"
             "Flicker: change of the error from the frame before, in levels of 255; lower is better.\n"
             "The numbers on the left are for the current frame. Click or drag to seek."

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from v3studio.gui.drawing.palette import State
+from v3studio.gui.drawing.palette import FAIR, RGB, STATE_COLORS, State
 from v3studio.gui.models.stages import STAGES, Inputs, camera_file
 from v3studio.pipelines.events import Notice
 from v3studio.pipelines.runs.runner import status
@@ -51,10 +51,15 @@ class StageRow:
     detail: str = ""
     setting: str = ""
     fraction: float | None = None
+    doubtful: bool = False  # it is done, but `detail` says what is wrong with the result
 
     @property
     def title(self) -> str:
         return TITLES[self.key]
+
+    @property
+    def color(self) -> RGB:
+        return FAIR if self.doubtful else STATE_COLORS[self.state]
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,7 @@ class Assessment:
     stages: dict[str, StageStatus] = field(default_factory=dict)
     footage: str = ""
     footage_error: Message | None = None
+    footage_warnings: tuple[str, ...] = ()
     numbers: tuple[int, ...] = ()
     fps: float = 30.0
     group_starts: tuple[int, ...] = (0,)
@@ -87,4 +93,5 @@ def assess(context: Inputs) -> Assessment:
         name = file.name if file is not None else ""
     except StudioError:  # Calibrate reports it
         name = context.config.capture.rig or ""
-    return Assessment(stages, words, None, numbers, float(footage.fps), starts, name)
+    warnings = tuple(map(str, (*footage.problems, *footage.warnings)))
+    return Assessment(stages, words, None, warnings, numbers, float(footage.fps), starts, name)

@@ -52,6 +52,7 @@ class StageViews:
         }
         for stage in TITLES.keys() - self.stage_views.keys() - {"review"}:
             self.stage_views[stage] = StageView(workspace, stage)
+        self.capture.wanted.connect(self._show_mask)
         self.points = PointsView(workspace)
         views = (self.points, CameraColorsView(workspace))
         self._by_mode: dict[str, StageView] = {mode: view for view in views for mode in view.modes}
@@ -334,6 +335,14 @@ class StageViews:
         """Show one camera in Capture; all of them if it is shown alone and `toggle`."""
         self.capture.garbage.leave()
         self.capture.camera = "" if toggle and self.capture.camera == camera else camera
+
+    def _show_mask(self, camera: str, frame: int) -> None:
+        """Show the mask of a camera in a frame, by its number."""
+        self.show_alone(camera, toggle=False)
+        self.capture.mode = ViewMode.MASKS
+        index = self.player.transport.numbers.index(frame)
+        if index is not None:
+            self.player.transport.seek(index)
 
     def leave_camera(self) -> bool:
         """Show all cameras in Capture again; whether one was shown alone. A polygon being drawn is let go first."""

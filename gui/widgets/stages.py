@@ -6,7 +6,7 @@ import numpy as np
 from open3d.visualization import gui
 
 from v3studio.gui.drawing.canvas import Canvas, text_width
-from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, STATE_COLORS, TEXT, State
+from v3studio.gui.drawing.palette import ACCENT, ACCENT_DARK, BAD, DIM, LINE, PANEL, RAISED, TEXT, State
 from v3studio.gui.models.stage_rows import TITLES, StageRow
 from v3studio.gui.models.take.estimates import Estimates
 from v3studio.gui.models.take.page_words import setting_words
@@ -305,7 +305,7 @@ def list_image(rows: Sequence[StageRow], selected: str, width: int, em: float) -
         if row.key == selected:
             canvas.rect(0, y, width, each, RAISED)
             canvas.rect(0, y, 3, each, ACCENT)
-        color = STATE_COLORS[row.state]
+        color = row.color
         middle = y + each / 2
         canvas.dot(1.2 * em, middle, 0.32 * em, color, filled=row.state not in (State.MISSING, State.WAITING))
         title = canvas.text(2.2 * em, middle - 0.62 * size, row.title, size, TEXT)
@@ -313,7 +313,8 @@ def list_image(rows: Sequence[StageRow], selected: str, width: int, em: float) -
         words = row.words
         if text_width(words, small) > room and "," in words:
             words = words.split(",")[0]
-        color = color if row.state in (State.FAILED, State.RUNNING, State.STALE, State.PARTIAL) else DIM
+        plain = row.state in (State.DONE, State.MISSING, State.WAITING) and not row.doubtful
+        color = DIM if plain else color
         canvas.text(width - 0.6 * em, middle - 0.62 * small, words, small, color, align="right", width=room)
         if row.state == State.RUNNING:
             canvas.rect(2.2 * em, y + each - 4, width - 2.8 * em, 2, LINE)

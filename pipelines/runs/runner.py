@@ -11,7 +11,9 @@ from typing import Any
 from v3studio.pipelines.config import Config, load_config
 from v3studio.pipelines.events import (
     Emit,
+    Event,
     Log,
+    Metrics,
     RunStarted,
     StageFailed,
     StageFinished,
@@ -34,7 +36,7 @@ from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.files.settings_file import save_config, set_settings
 from v3studio.pipelines.takes.results.integrity import refuse_damage
 from v3studio.pipelines.takes.results.kept_bakes import free_name, keep_bake, note_evaluation
-from v3studio.pipelines.takes.results.records import StageRecord, read_record, write_failure
+from v3studio.pipelines.takes.results.records import RecordedWarning, StageRecord, read_record, write_failure
 from v3studio.pipelines.takes.take import Take
 from v3studio.pipelines.version import program_version
 from v3studio.studio.atomic_files import remove, write_text
@@ -153,6 +155,29 @@ def _known(stages: str | Iterable[str]) -> list[str]:
     return [name for name in STAGE_NAMES if name in wanted]
 
 
+class _Notes:
+    """Passes the events of a stage on, and keeps its warnings, and the groups that it made."""
+
+    def __init__(self, emit: Emit) -> None:
+        self._emit = emit
+        self._warnings: list[RecordedWarning] = []
+        self._groups: set[int] = set()
+
+    def __call__(self, event: Event) -> None:
+        if isinstance(event, Warned):
+            values = {name: getattr(event, name) for name in RecordedWarning.model_fields}
+            self._warnings.append(RecordedWarning.model_validate(values))
+        elif isinstance(event, Metrics) and event.group is not None:
+            self._groups.add(event.group)
+        self._emit(event)
+
+    def with_kept(self, earlier: StageRecord | None) -> list[RecordedWarning]:
+        """The warnings of the stage, with earlier ones about groups that were not made again."""
+        kept = [warning for warning in (earlier.warnings if earlier else ()) if warning.group not in self._groups]
+        new = {(warning.code, warning.group, warning.message) for warning in self._warnings}
+        return [*(each for each in kept if (each.code, each.group, each.message) not in new), *self._warnings]
+
+
 @dataclass
 class _Run:
     """A run of a locked take. `clock`: work time in seconds; `verified`: stages that are up to date."""
@@ -247,6 +272,8 @@ class _Run:
                 refuse_damage(take, dependency)
         self.emit(StageStarted(stage=stage.name, reason=reason))
         remove(take.failure(stage.name))
+        earlier = read_record(take, stage.name) if stage.by_group and not self.force else None
+        notes = reporter.emit = _Notes(self.emit)
         if self.force:
             remove(take.work(stage.name))
         try:
@@ -254,7 +281,7 @@ class _Run:
                 summary = stage.code.run(inputs, reporter, executor)
                 self.cancellation.check()
                 seconds = self.clock() - started
-                write_record(stage, inputs, seconds, summary)
+                write_record(stage, inputs, seconds, summary, notes.with_kept(earlier))
                 self.verified.add(stage.name)
         except Cancelled:
             raise

@@ -3,7 +3,7 @@
 import datetime
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -11,13 +11,21 @@ from typing import cast
 from pydantic import JsonValue
 
 from v3studio.pipelines.config import Config
+from v3studio.pipelines.events import Warned
 from v3studio.pipelines.stages import STAGES, Stage
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params
 from v3studio.pipelines.takes.authored.edits import PREFIX
 from v3studio.pipelines.takes.files.digests import digest_of, digests_of_files
 from v3studio.pipelines.takes.files.json_files import Result, cannot_read, write_model
-from v3studio.pipelines.takes.results.records import StageRecord, on_disk, read_failure, read_record, result_of
+from v3studio.pipelines.takes.results.records import (
+    RecordedWarning,
+    StageRecord,
+    on_disk,
+    read_failure,
+    read_record,
+    result_of,
+)
 from v3studio.studio.atomic_files import remove
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData
@@ -64,6 +72,7 @@ class StageStatus:
         seconds: duration of the finished run.
         summary: main figures of the finished run.
         needs: the stages that must run first, in order.
+        warnings: those about the results of the finished run.
     """
 
     stage: str
@@ -76,6 +85,7 @@ class StageStatus:
     seconds: float | None = None
     summary: Mapping[str, JsonData] | None = None
     needs: tuple[str, ...] = ()
+    warnings: tuple[Warned, ...] = ()
 
 
 def current_params(stage: Stage, inputs: Inputs) -> Params:
@@ -86,7 +96,9 @@ def current_params(stage: Stage, inputs: Inputs) -> Params:
     return params
 
 
-def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) -> None:
+def write_record(
+    stage: Stage, inputs: Inputs, seconds: float, summary: Result, warnings: Sequence[RecordedWarning] = ()
+) -> None:
     record = StageRecord(
         stage=stage.name,
         params=cast(dict[str, JsonValue], current_params(stage, inputs)),  # the same values in pydantic's words
@@ -94,6 +106,7 @@ def write_record(stage: Stage, inputs: Inputs, seconds: float, summary: Result) 
         seconds=round(seconds, 3),
         finished=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         summary=summary.to_json(),
+        warnings=tuple(warnings),
     )
     write_model(inputs.take.record(stage.name), record)
     remove(inputs.take.failure(stage.name))
@@ -108,7 +121,8 @@ def assess(stage: Stage, inputs: Inputs, upstream: dict[str, StageStatus]) -> St
     waiting = [name for name in upstream if name in needed]
     status, reason = StageStatus(stage.name, STALE if record else MISSING, needs=tuple(waiting)), ""
     if record:
-        status = replace(status, seconds=record.seconds, summary=record.summary)
+        warned = tuple(Warned(stage=stage.name, **warning.model_dump()) for warning in record.warnings)
+        status = replace(status, seconds=record.seconds, summary=record.summary, warnings=warned)
     try:
         reasons = _why_not_done(stage, inputs, record, waiting)
         reason = "; ".join(map(str, reasons))

@@ -14,6 +14,7 @@ from v3studio.gui.models.take.inspector import heading
 from v3studio.gui.models.take.remedies import Fix, fix_of
 from v3studio.gui.models.take.run_state import Level, LogLine
 from v3studio.pipelines.config import Config
+from v3studio.studio.counts import listed
 
 LEVELS: dict[Level, tuple[str, RGB, RGB]] = {
     Level.PLAIN: ("", DIM, TEXT),
@@ -53,7 +54,7 @@ def grouped(lines: Iterable[LogLine]) -> list[LogLine]:
         if len(names) < 2:
             kept += same
             continue
-        kept.append(replace(same[0], text=f"{same[0].text} (in {len(names)} cameras: {', '.join(names)})"))
+        kept.append(replace(same[0], text=f"{same[0].text} (in {len(names)} cameras: {listed(names, 3)})"))
     return kept
 
 

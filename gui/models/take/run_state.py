@@ -71,6 +71,7 @@ class RunState:
     failed: dict[str, str] = field(default_factory=dict)  # error message by stage
     # the setting that fixes the error, by stage, where there is one
     failed_setting: dict[str, str] = field(default_factory=dict)
+    warnings: dict[str, list[events.Warned]] = field(default_factory=dict)  # of this run, by stage
     outcome: Outcome = Outcome.OPEN
     # the log, newest last, with that of earlier runs
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
@@ -122,6 +123,7 @@ class RunState:
         elif isinstance(event, events.Log):
             self._say(event.message)
         elif isinstance(event, events.Warned):
+            self.warnings.setdefault(event.stage, []).append(event)
             self._say(message_text(event), Level.WARNING, event)
         elif isinstance(event, events.StageFinished):
             self.finished.append(event.stage)

@@ -5,7 +5,7 @@ The state is read from the take on disk, so that runs started in a terminal show
 
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,13 +15,15 @@ from v3studio.gui.models.history import Change, History
 from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.stage_rows import TITLES, Assessment, StageRow, assess, pipeline_name
 from v3studio.gui.models.stages import Inputs
+from v3studio.gui.models.take.doubts import doubts, worst_first
 from v3studio.gui.models.take.jobs import Job, pause_process, stop_process
 from v3studio.gui.models.take.page_words import setting_words, value_words, why_not_done
+from v3studio.gui.models.take.remedies import REMEDIES
 from v3studio.gui.models.take.run_state import Outcome, RunState
 from v3studio.gui.models.take.settings import setting_value
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.pipelines.config import Config, load_config
-from v3studio.pipelines.events import Finished
+from v3studio.pipelines.events import Finished, Warned
 from v3studio.pipelines.events.event_log import LogFollower
 from v3studio.pipelines.reports.terminal import duration
 from v3studio.pipelines.runs.status import is_paused
@@ -29,11 +31,14 @@ from v3studio.pipelines.takes.cancel_request import request_cancel
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.files.settings_file import save_config
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 from v3studio.studio.settings import OVERRIDES
 
 LOOK_EVERY = 0.5  # seconds between two scans of the take's folder
 ASSESS_EVERY = 30.0  # seconds after which the stages are reassessed even without a visible change
+
+NOT_JUDGED = "The masks are not judged yet. Run Calibrate, then Check compares those of all frames."
 
 FOOTAGE_CACHE = 512 * 1024 * 1024
 """Bytes of decoded images that are kept of the footage without cameras, and again of that with them, as of decoded
@@ -51,7 +56,7 @@ class Workspace:
     Signals:
         changed: anything that is shown of the take or its run has changed.
         new_results: the take has new results.
-        run_ended: a run of this window has ended well, in a sentence.
+        run_ended: a run of this window has ended well: what to know first, and whether that is a warning.
         refused: a run cannot be started, paused or cancelled, for this reason.
     """
 
@@ -60,7 +65,7 @@ class Workspace:
         self._timer = LOOP.every(LOOK_EVERY, self._look)
         self.changed: Signal[[]] = Signal()
         self.new_results: Signal[[]] = Signal()
-        self.run_ended: Signal[[str]] = Signal()
+        self.run_ended: Signal[[str, bool]] = Signal()
         self.refused: Signal[[str]] = Signal()
         self._seen: object = None
         self.opening = ""
@@ -79,6 +84,7 @@ class Workspace:
         self._unread = self._unassessed = ""  # why the settings, and the status, cannot be read
         self.cancelling = False
         self.paused = False
+        self.masks_judged: object = None  # settings of the footage whose masks agree in all frames
         self._follower: LogFollower | None = None
         self._next_assess = 0.0
         self._fingerprint: tuple[object, ...] = ()
@@ -147,6 +153,10 @@ class Workspace:
             if isinstance(event, Finished) and event.outcome == Outcome.DONE:
                 took = f"The run has finished after {duration(event.seconds)}."
                 ended = took if self.run.planned else "There was nothing to run: everything is up to date."
+                told = doubts([warning for warnings in self.run.warnings.values() for warning in warnings])
+                if told:
+                    more = f" {counted(len(told) - 1, 'other kind')} of warnings: see the log." if told[1:] else ""
+                    ended = f"{told[0]}{more}\n{ended}"
         if job.status is not None:
             crash = job.crash()
             if crash is not None:
@@ -159,7 +169,7 @@ class Workspace:
             self._look_soon()
         self._notify()
         if ended:
-            self.run_ended.emit(ended)
+            self.run_ended.emit(ended, bool(self.run.warnings))
 
     def _assessed(self, done: Done[Inputs, Assessment]) -> None:
         if self.context is None or done.request.config is not self.context.config:
@@ -249,7 +259,7 @@ class Workspace:
                 fraction = self.run.progress.fraction if self.run.progress else 0.0
                 return StageRow(key, State.RUNNING, words, fraction=fraction)
             if name in self.run.finished:  # the assessment may be older
-                return StageRow(key, State.DONE, "done")
+                return self._done(key, self.run.warnings.get(name, ()))
             if name in self.run.planned and name not in self.run.failed:
                 return StageRow(key, State.WAITING, "waiting")
         is_done = self.assessed and status is not None and status.state == State.DONE
@@ -258,6 +268,8 @@ class Workspace:
             return StageRow(key, State.FAILED, "failed", why, setting)
         if status is None:
             return StageRow(key, State.MISSING, "" if self.assessed or self.context is None else "checking")
+        if is_done:
+            return self._done(key, status.warnings, why_not_done(status))
         words = "not run" if status.state == State.MISSING else status.state
         if status.state == State.PARTIAL:
             words = f"{status.units_done} of {status.units} {status.unit}"
@@ -273,7 +285,19 @@ class Workspace:
             return StageRow("capture", State.FAILED, "cannot be opened", str(error), setting)
         if not self.assessed:
             return StageRow("capture", State.MISSING, "checking")
-        return StageRow("capture", State.DONE, self.assessment.footage)
+        wrong, words = self.assessment.footage_warnings, self.assessment.footage
+        initialized = self.assessment.stages.get("initialize")
+        judged = initialized is not None and initialized.state == State.DONE  # it refuses what is wrong, and warns
+        judged |= self.masks_judged == self.context.config.capture or self.context.config.capture.masks == "none"
+        told = wrong[0] if wrong else "" if judged else NOT_JUDGED
+        return StageRow("capture", State.DONE, words, told, doubtful=bool(told))
+
+    def _done(self, key: str, warnings: Sequence[Warned], detail: str = "") -> StageRow:
+        """The row of a finished stage; with warnings, the worst of them."""
+        if not warnings:
+            return StageRow(key, State.DONE, "done", detail)
+        words, setting = counted(len(warnings), "warning"), REMEDIES.get(worst_first(warnings)[0].code, "")
+        return StageRow(key, State.DONE, words, doubts(warnings)[0], setting, doubtful=True)
 
     # Running
 

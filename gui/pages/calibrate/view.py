@@ -21,8 +21,14 @@ from v3studio.gui.pages.calibrate.rig_coverage import RigCoverage
 from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.report_table import CAMERA, Sorting, cells_text
 from v3studio.gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
+from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.results.point_files import read_sparse_points, read_surface
-from v3studio.pipelines.takes.results.stage_files import CamerasFromFile, CheckedCameras, checked_cameras
+from v3studio.pipelines.takes.results.stage_files import (
+    CamerasFromFile,
+    CheckedCameras,
+    InitialPointsReport,
+    checked_cameras,
+)
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CalibrationReport, CameraReport
 from v3studio.studio.camera_files import read_rig
@@ -37,6 +43,7 @@ class Verdict(Enum):
     """Whether a camera is right: in words, and as a color."""
 
     AGREES = ("agrees with the others", GOOD)
+    WORSE = ("measured worse than the others: Report", FAIR)
     DISAGREES = ("disagrees with the others", BAD)
     FEW = ("too few matches to decide", FAIR)
     UNKNOWN = ("not checked yet: Initialize does that", SECOND)
@@ -46,6 +53,9 @@ GRADES: dict[str, RGB] = {"good": GOOD, "usable": FAIR, "wrong": BAD}
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: Capture > Cameras"
+
+WORSE, WRONG = 2.0, 3.0
+"""Errors of a camera, relative to the median of all and to what is small, from which it is worse, and disagrees."""
 
 COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask error", "refined by")
 PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True))
@@ -63,6 +73,8 @@ class CalibrateView(OrbitView):
         super().__init__(workspace)
         self._read_of: Hashable = None
         self._checked = CheckedCameras(None, None, None)
+        self._mask_errors: dict[str, float] = {}
+        self._apart: dict[str, float] = {}  # the largest error of each camera, relative to what is usual
         self._points: list[Cloud] = []
         self._thumbnails: SmallImages = MemoryCache(MOST_THUMBNAILS)
         self._coverage: RigCoverage | None = None
@@ -115,6 +127,7 @@ class CalibrateView(OrbitView):
             return
         self._rig = in_own_frame(read_rig(take.rig))
         self._checked = checked_cameras(take)
+        self._measure(take)
         self._points = []
         if take.calibration_points.is_file():
             self._points.append(cloud(*read_sparse_points(take.calibration_points, take.rig)))
@@ -169,8 +182,38 @@ class CalibrateView(OrbitView):
         checked = verdict.cameras.get(name)
         if verdict.grade == "wrong" and "cameras" in verdict.blamed:
             return Verdict.DISAGREES
+        far = self._apart.get(name, 0.0)
+        if far > WORSE:
+            return Verdict.DISAGREES if far > WRONG else Verdict.WORSE
         decided = checked is not None and (checked.fits, checked.mask_error) != (None, None)
         return Verdict.AGREES if decided else Verdict.FEW
+
+    def _measure(self, take: Take) -> None:
+        """Note the error of each camera's masks, in the worst group if hulls have been compared with them, else that of
+        the verdict; and by how much each camera's errors exceed those of the others."""
+        verdict, group = self._checked.verdict, 0
+        checks = verdict.cameras if verdict is not None else {}
+        masks = {name: check.mask_error for name, check in checks.items() if check.mask_error is not None}
+        with suppress(StudioError):  # damaged; Initialize shows the error
+            while (path := take.initialize_group(group) / "report.json").is_file():
+                for name, share in read_model(path, InitialPointsReport).disagreement.items():
+                    masks[name] = max(masks.get(name, 0.0), share) if group else share
+                group += 1
+        self._mask_errors, report = masks, self._checked.report
+        cameras = report.cameras if isinstance(report, CalibrationReport) else {}
+        focal = {camera.name: camera.fx / camera.width for camera in self._rig}
+        usual = float(np.median(list(focal.values())))
+        measured = (
+            ({name: figures.mean for name, figures in cameras.items()}, 1.0),
+            (masks, 0.12),
+            ({name: abs(value / usual - 1) for name, value in focal.items()}, 0.1),
+            ({name: 1 - check.fits for name, check in checks.items() if check.fits is not None}, 0.2),
+        )
+        self._apart = {}
+        for errors, small in measured:
+            most = max(float(np.median(list(errors.values()))), small) if errors else small
+            for name, error in errors.items():
+                self._apart[name] = max(self._apart.get(name, 0.0), error / most)
 
     def _scene(self, size: Size) -> np.ndarray:
         assert self.home is not None
@@ -322,7 +365,7 @@ class CalibrateView(OrbitView):
         change = refinement.cameras.get(name) if refinement is not None else None
         return [
             "" if checked is None or checked.fits is None else f"{checked.fits:.0%} of {checked.matches}",
-            "" if checked is None or checked.mask_error is None else f"{checked.mask_error:.0%}",
+            f"{self._mask_errors[name]:.0%}" if name in self._mask_errors else "",
             "" if change is None else f"{change.degrees:.2f}\N{DEGREE SIGN}, {change.distance:.3g}",
         ]
 
@@ -354,7 +397,7 @@ def _overview(rig: Rig) -> OrbitCamera:
 
 
 def _stamp(take: Take) -> Hashable:
-    checks = (take.rig_verdict, take.camera_refinement)
+    checks = (take.rig_verdict, take.camera_refinement, take.record("initialize"))
     return (take.root, *map(modified, (take.rig, take.calibration_report, take.calibration_points, *checks)))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,18 +12,20 @@ from v3studio.gui.drawing.canvas import Canvas, line_height, shortened, wrapped
 from v3studio.gui.drawing.compare import boxes
 from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
 from v3studio.gui.models.held_out import held_out_first
+from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.playback.image_zoom import Magnifier
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
+from v3studio.gui.pages.capture.mask_verdicts import MaskVerdict, judged, why_not_judged
 from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
 from v3studio.studio.counts import counted
-from v3studio.studio.errors import Cancelled, StudioError
+from v3studio.studio.errors import Cancelled, Message, StudioError
 from v3studio.studio.footage import Footage, check_footage, open_footage
 from v3studio.studio.footage.checks import ColorDrift
 from v3studio.studio.masks.agreement.source import AgreedMaskSource
@@ -49,10 +52,17 @@ class CaptureView(StageView):
         super().__init__(workspace)
         self._reduced: _Reduced | None = None
         self._reduced_of: object = None
-        self.footage_check = FootageCheck()
+        self.footage_check = FootageCheck(workspace)
         self.garbage = GarbageDrawing(workspace)
         self.image_at: tuple[str, Magnifier] | None = None
         self._at = ""  # how far the image is drawn
+        self.wanted: Signal[[str, int]] = Signal()  # a problem was clicked: its camera and the number of its frame
+        self._judge: LatestWorker[tuple[_Reduced, int], tuple[MaskVerdict, ...]] = LatestWorker(
+            lambda asked: judged(asked[0].footage, asked[1]), "v3studio masks", self._judged
+        )
+        self._judging: tuple[_Reduced, int] | None = None  # asked for last
+        self.verdicts: dict[int, tuple[MaskVerdict, ...]] = {}  # by the number of the frame
+        self._lines: list[tuple[float, float, Problem]] = []  # problems in the image: first and last row
 
     @property
     def doing(self) -> str:
@@ -70,8 +80,10 @@ class CaptureView(StageView):
         """The capture settings, the frame, the mode, the result of the check."""
         config = self.workspace.config
         capture = config.capture if config is not None else self.workspace.without_settings
+        if capture != self.footage_check.of:
+            self.footage_check.forget()  # it was about other settings
         garbage = (self.garbage.stamp, self.garbage.corners)
-        check = (self.footage_check.words, tuple(self.footage_check.problems))
+        check = (self.footage_check.words, tuple(self.footage_check.problems), len(self.verdicts))
         return (capture, garbage, self.camera, self.frame, self.mode, *check, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
@@ -79,8 +91,9 @@ class CaptureView(StageView):
         if opened is None:
             return sentence(size, self.workspace.without_settings, self.em)
         footage = opened.footage
-        problems = [*map(str, (*footage.problems, *footage.warnings)), *self.footage_check.problems]
-        lines = [line for problem in problems for line in wrapped(problem, self._small, size[0] - 2 * self.em)]
+        problems = [*map(Problem.of, (*footage.problems, *footage.warnings)), *self.footage_check.problems]
+        wide = size[0] - 2 * self.em
+        lines = [(line, problem) for problem in problems for line in wrapped(problem.words, self._small, wide)]
         room = min(len(lines), 8)
         bottom = (room + 1.2) * line_height(self._small) if lines or self.footage_check.words else 0
         canvas = Canvas(*size, GROUND)
@@ -89,7 +102,12 @@ class CaptureView(StageView):
         y = size[1] - bottom
         words = self.footage_check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
         canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
-        canvas.lines(self.em, y + line_height(self._small), lines[:room], self._small, BAD)
+        shown = []
+        for number, (line, problem) in enumerate(lines[:room], start=1):
+            top = y + number * line_height(self._small)
+            canvas.text(self.em, top, line, self._small, BAD)
+            shown.append((top, top + line_height(self._small), problem))
+        self._lines = shown
         return canvas.pixels
 
     @property
@@ -106,23 +124,28 @@ class CaptureView(StageView):
         of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp, calibrated)
         if self._reduced is None or self._reduced_of != of:
             self._reduced = None
+            self.verdicts = {}
             try:
                 footage = _footage(context, read_rig(rig) if calibrated else None)
             except StudioError:
                 if not calibrated:
                     raise
                 footage = _footage(context, None)  # cameras that no longer fit the footage: as before calibration
-            self._reduced, self._reduced_of = _Reduced(footage), of
+                calibrated = 0
+            self._reduced, self._reduced_of = _Reduced(footage, calibrated > 0), of
         return self._reduced
 
     def forget(self) -> None:
         self._reduced = None
-        self.footage_check.words, self.footage_check.problems = "", ()
+        self.footage_check.forget()
 
     def _thumbnails(self, canvas: Canvas, opened: _Reduced, frame: int, height: float) -> None:
         footage = opened.footage
         alone = self.camera in footage.camera_names
         names = [self.camera] if alone else held_out_first(footage.camera_names, footage.held_out_cameras)
+        verdicts = {verdict.camera: verdict for verdict in self._verdicts_of(opened, frame) if verdict.wrong}
+        if not alone:  # the worst first
+            names = [*verdicts, *(name for name in names if name not in verdicts)]
         draws = alone and self.mode == ViewMode.GARBAGE
         places: list[tuple[str, np.ndarray]] = []
         image_at = self.image_at = None
@@ -143,19 +166,37 @@ class CaptureView(StageView):
                     at = Magnifier(footage.raw_size(name), (left, top, wide, high))
                     draw_garbage(canvas, at, drawn.get(name), self.garbage.corners if alone else ())
                     image_at = (name, at) if alone else None
-                if held_out:
-                    canvas.frame(left, top, wide, high, HELD_OUT)
+                if held_out or name in verdicts:
+                    for inset in range(1 + 2 * (name in verdicts)):
+                        edge = (left + inset, top + inset, wide - 2 * inset, high - 2 * inset)
+                        canvas.frame(*edge, BAD if name in verdicts else HELD_OUT)
             except StudioError as error:
                 canvas.rect(x, y, width, room, RAISED)
                 most = max(int(room // line_height(self._small)) - 1, 1)
                 lines = shortened(str(error), self._small, width - 12, most, "...")
                 canvas.lines(x + 6, y + 6, lines, self._small, BAD)
             label = f"{name}, held out" if held_out else name
+            label += f": {verdicts[name].words}" if name in verdicts else ""
             if self.mode == ViewMode.EVIDENCE:
                 label += opened.own_share(name, frame)
             label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
-            canvas.text(x + width / 2, y + room + 2, label, self._small, TEXT, align="middle", width=width)
+            shade = BAD if name in verdicts else TEXT
+            canvas.text(x + width / 2, y + room + 2, label, self._small, shade, align="middle", width=width)
         self.places, self.image_at = places, image_at
+
+    def _verdicts_of(self, opened: _Reduced, frame: int) -> Sequence[MaskVerdict]:
+        """The verdicts on the masks of a frame, if they are shown; once they are found, the image is drawn again."""
+        if self.mode != ViewMode.MASKS or not opened.calibrated:
+            return ()
+        if frame not in self.verdicts and self._judging != (opened, frame):
+            self._judging = opened, frame
+            LOOP.post(lambda: self._judge.ask((opened, frame)))
+        return self.verdicts.get(frame, ())
+
+    def _judged(self, done: Done[tuple[_Reduced, int], tuple[MaskVerdict, ...]]) -> None:
+        (opened, frame), self._judging = done.request, None
+        if opened is self._reduced:
+            self.verdicts[frame] = done.result or ()  # an error is in the image of its camera
 
     def _thumbnail(self, opened: _Reduced, name: str, frame: int, widest: int) -> np.ndarray:
         small = opened.image(name, frame, widest)
@@ -171,7 +212,10 @@ class CaptureView(StageView):
         return outlined(small * (0.35 + 0.65 * alpha), 255 * alpha[..., 0])
 
     def click(self, x: float, y: float) -> None:
-        """Add a corner to the garbage mask, if one is drawn."""
+        """Show the camera and the frame of a problem, or add a corner to the garbage mask, if one is drawn."""
+        for top, below, problem in self._lines:
+            if top <= y < below and problem.camera:
+                self.wanted.emit(problem.camera, problem.frame)
         camera, at = self.image_at or ("", None)
         if at is not None and self.mode == ViewMode.GARBAGE and camera == self.camera:
             self.garbage.click(camera, at.pixel(x, y), (at.width, at.height), 0.6 * self.em / at.scale)
@@ -192,8 +236,8 @@ class CaptureView(StageView):
 class _Reduced:
     """The images and masks of a footage, at most some pixels wide; the newest ones are kept. Must not be modified."""
 
-    def __init__(self, footage: Footage) -> None:
-        self.footage = footage
+    def __init__(self, footage: Footage, calibrated: bool) -> None:
+        self.footage, self.calibrated = footage, calibrated
         self._kept = image_cache(KEPT_BYTES)
 
     def image(self, camera: str, frame: int, widest: int) -> np.ndarray:
@@ -246,34 +290,71 @@ def outlined(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return shown
 
 
-class FootageCheck:
-    """Runs `Footage.check` on a thread. `words`: progress or outcome; "" before the first check."""
+@dataclass(frozen=True)
+class Problem:
+    """A problem in the footage; its camera and the number of its frame, if it is about one."""
 
-    def __init__(self) -> None:
-        self.words = ""
-        self.problems: Sequence[str] = ()
-        self._worker: LatestWorker[Inputs, None] = LatestWorker(self._run, "v3studio check", self._ended)
+    words: str
+    camera: str = ""
+    frame: int = -1
+
+    @classmethod
+    def of(cls, message: Message) -> Problem:
+        frames = message.fields.get("frames")
+        frame = frames[0] if isinstance(frames, list | tuple) and frames else message.fields.get("frame")
+        where = (str(message.fields.get("camera", "")), frame) if isinstance(frame, int) else ("", -1)
+        return cls(str(message), *where)
+
+
+class FootageCheck:
+    """Checks all images of the footage, and compares the masks of each frame, on a thread. `words`: progress or
+    outcome; "" before the first check."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace, self.words = workspace, ""
+        self.problems: Sequence[Problem] = ()
+        self.of: object = None  # the settings of the footage that is or was checked
+        self._worker: LatestWorker[Inputs, bool] = LatestWorker(self._run, "v3studio check", self._ended)
 
     def start(self, context: Inputs) -> None:
         """Start, unless it is running."""
         if self._worker.idle:
-            self.words, self.problems = "checking the footage", ()
+            self.words, self.problems, self.of = "checking the footage", (), context.config.capture
             self._worker.ask(context)
 
-    def _ended(self, done: Done[Inputs, None]) -> None:
+    def forget(self) -> None:
+        """Forget the outcome, unless the check is running."""
+        if self._worker.idle:
+            self.words, self.problems, self.of = "", (), None
+
+    def _ended(self, done: Done[Inputs, bool]) -> None:
         """Forget the footage that was checked, and note why that failed."""
         if done.error is not None:
-            self.words, self.problems = "check failed", (str(done.error),)
+            self.words, self.problems = "check failed", (Problem(str(done.error)),)
+        elif not self.problems and done.result:
+            self._workspace.masks_judged = done.request.config.capture
+            self._workspace.changed.emit()
 
-    def _run(self, context: Inputs) -> None:
+    def _run(self, context: Inputs) -> bool:
+        """Returns whether the masks were compared."""
+
         def progress(done: int, total: int, **figures: object) -> None:
             if self._worker.closed:
                 raise Cancelled
             self.words = f"checking the footage, {done} of {total} images"
 
-        footage = _footage(context, None)
+        rig = context.take.rig
+        footage = _footage(context, read_rig(rig) if rig.is_file() else None)
         drift = ColorDrift()
-        problems = [*check_footage(footage, progress, drift=drift), *drift.messages()]
-        self.problems = [str(problem) for problem in problems]
-        words = "all images checked, no problems found"
-        self.words = f"{counted(len(problems), 'problem')} found" if problems else words
+        found = [*map(Problem.of, (*check_footage(footage, progress, drift=drift), *drift.messages()))]
+        why, verdicts = why_not_judged(footage, rig.is_file()), list[MaskVerdict]()
+        for number, frame in enumerate(footage.frames * (not why)):
+            progress(number, len(footage.frames))
+            self.words = f"comparing the masks, {number + 1} of {len(footage.frames)} frames"
+            verdicts += [verdict for verdict in judged(footage, frame) if verdict.wrong]
+        for at in sorted(verdicts, key=lambda verdict: -verdict.lacks - verdict.more):
+            found.append(Problem(f"{at.camera}, frame {at.frame}: {at.words}", at.camera, at.frame))
+        self.problems = found
+        words = f"{counted(len(found), 'problem')} found" if found else "all images checked, no problems found"
+        self.words = f"{words}. {why}" if why else words
+        return not why

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.stages import STAGES
+from v3studio.gui.models.take.doubts import doubts
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.runs import runner
 from v3studio.pipelines.runs.staleness import StageStatus
@@ -132,7 +133,8 @@ def state_words(stages: dict[str, StageStatus]) -> tuple[str, State]:
             return f"{listed(titles)} {state}", state
     done = [title for title, status in by_title.items() if status.state == State.DONE]
     if len(done) == len(by_title):
-        return "all stages done", State.DONE
+        told = doubts([warning for status in by_title.values() for warning in status.warnings])
+        return (told[0], State.STALE) if told else ("all stages done", State.DONE)
     for title, status in by_title.items():
         if status.state == State.PARTIAL:
             return f"{title}: {status.units_done} of {status.units} {status.unit}", State.STALE

@@ -19,6 +19,22 @@ from v3studio.studio.json_types import JsonObject
 Record = TypeVar("Record", bound=Result)
 
 
+class RecordedWarning(Result):
+    """A warning about the results of a stage."""
+
+    message: str  # the sentence for people
+    code: str = ""  # of the warning (`studio.errors.Message.code`)
+    value: JsonValue = None
+    fix: str = ""
+    fields: dict[str, JsonValue] = Field(default_factory=dict)
+
+    @property
+    def group(self) -> int:
+        """The group that it is about; the first for all of them."""
+        group = self.fields.get("group")
+        return group if isinstance(group, int) else 0
+
+
 class StageRecord(Result):
     """.v3studio/stages/STAGE.json: what a finished stage was made from and what it wrote."""
 
@@ -46,6 +62,9 @@ class StageRecord(Result):
 
     summary: dict[str, JsonValue] = Field(default_factory=dict)
     """The stage's summary, as in the event `stage_finished`."""
+
+    warnings: tuple[RecordedWarning, ...] = ()
+    """Warnings about the results, which hold until the stage runs again without them."""
 
     @model_validator(mode="after")
     def _names_lie_in_the_take(self) -> StageRecord:

@@ -11,14 +11,25 @@ from tests.support.errors import refuses
 from tests.support.events import frames_in, warnings_in
 from tests.support.tiny_capture import settings_in
 from v3studio.pipelines.config import load_config
-from v3studio.pipelines.events import Event, Finished, Log, Metrics, Preview, Progress, StageFinished, StageStarted
+from v3studio.pipelines.events import (
+    Event,
+    Finished,
+    Log,
+    Metrics,
+    Preview,
+    Progress,
+    StageFinished,
+    StageStarted,
+    Warned,
+)
 from v3studio.pipelines.events.cancellation import Cancellation
-from v3studio.pipelines.runs.runner import run, status
+from v3studio.pipelines.runs.runner import _Notes, run, status
 from v3studio.pipelines.stages import STAGE_NAMES, stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.results.kept_bakes import keep_bake, kept_bakes
 from v3studio.pipelines.takes.results.point_files import read_points
+from v3studio.pipelines.takes.results.records import RecordedWarning, StageRecord
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.errors import Cancelled, StudioError
 
@@ -381,3 +392,26 @@ def test_a_stage_may_be_named_alone_and_an_unknown_one_is_refused(project: Path)
     with refuses("stage.unknown", value="evalute"):
         project.run(stages=("bake", "evalute"))
     assert project.events[-1].outcome == "failed"
+
+
+def test_warnings_stay_until_their_group_is_made_without_them() -> None:
+    passed: list[Event] = []
+
+    def warned(group: int, camera: str) -> Warned:
+        fields = {"group": group, "camera": camera}
+        return Warned(stage="initialize", code="hull.mask_mismatch", message=camera, fields=fields)
+
+    def kept(notes: _Notes, earlier: StageRecord | None) -> list[str]:
+        return [warning.message for warning in notes.with_kept(earlier)]
+
+    first = _Notes(passed.append)
+    for event in (warned(0, "a"), warned(1, "b"), warned(2, "c")):
+        first(event)
+    assert kept(first, None) == ["a", "b", "c"]
+    earlier = StageRecord(stage="initialize", params={}, result="", warnings=tuple(first.with_kept(None)))
+    again = _Notes(passed.append)
+    for event in (warned(2, "c"), Metrics(stage="initialize", group=0, values={}), Metrics(group=2, values={})):
+        again(event)
+    assert kept(again, earlier) == ["b", "c"], "group 0 is fine now, 1 was not made again"
+    assert len(passed) == 6
+    assert RecordedWarning(message="of all").group == 0

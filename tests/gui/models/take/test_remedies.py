@@ -137,8 +137,11 @@ def test_the_same_warning_about_several_cameras_is_one_line() -> None:
         run.apply(Warned(message=text.format(camera), code=code, fields={"camera": camera, "group": group}))
     told = grouped(run.lines)
     assert [line.text for line in told] == [
-        "Camera 'a': weak screen (in 2 cameras: a, b)", "Camera 'a': weak screen", "Camera 'a': dark screen", "a line",
+        "Camera 'a': weak screen (in 2 cameras: a and b)",
+        "Camera 'a': weak screen",
+        "Camera 'a': dark screen",
         "a line",
-    ]  # fmt: skip
+        "a line",
+    ]
     assert told[0].notice is run.lines[0].notice, "it has the same remedy"
     assert len(run.lines) == 6, "the run itself keeps all"

@@ -1,3 +1,4 @@
+import json
 import os
 import signal
 import sys
@@ -11,10 +12,12 @@ from tests.support.hostile_streams import executed, plant
 from tests.support.looping import heard, wait_in_loop
 from tests.support.waiting import wait_until
 from tests.support.warm_python import forking, warm_python
+from v3studio.gui.drawing.palette import FAIR
 from v3studio.gui.models.stage_rows import TITLES
 from v3studio.gui.models.take.jobs import Job
 from v3studio.gui.models.take.run_state import Level, RunState
 from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.start.cards import describe
 from v3studio.pipelines.events import (
     Event,
     Finished,
@@ -203,3 +206,25 @@ def test_stages_that_a_run_elsewhere_will_run_are_not_done(workspace: Workspace,
         workspace._look()
         shown = states(workspace)
         assert (shown["train"], shown["bake"], shown["review"]) == ("running", "waiting", "waiting")
+
+
+def test_warnings_of_a_stage_are_there_after_reopening_until_it_runs_without_them(
+    workspace: Workspace, take_copy: Path
+) -> None:
+    take = Take.open(take_copy)
+    path = take.record("initialize")
+    warning = {"message": "Camera 'cam1': half of the mask is missing.", "code": "hull.mask_mismatch", "value": 0.5}
+    other = {"message": "No camera is near.", "code": "coverage.gaps"}
+    path.write_text(json.dumps({**json.loads(path.read_text()), "warnings": [other, warning]}))
+    workspace.open(take)
+    wait_in_loop("assessed", lambda: workspace.checked)
+    row = workspace.row("initialize")
+    assert (row.state, row.doubtful, row.color) == ("done", True, FAIR)
+    assert row.detail == warning["message"], "the worst"
+    assert row.setting == "capture.mask_sensitivity"
+    card = describe(str(take_copy))
+    assert (card.words, card.state) == (warning["message"], "stale")
+    assert workspace.start("initialize", again=True)
+    wait_in_loop("over", lambda: not workspace.busy and workspace.checked)
+    left = [warning.code for warning in workspace.assessment.stages["initialize"].warnings]
+    assert "hull.mask_mismatch" not in left

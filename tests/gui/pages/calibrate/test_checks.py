@@ -1,9 +1,10 @@
+import json
 from pathlib import Path
 
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.gui.pages.calibrate.view import CalibrateView
-from v3studio.pipelines.takes.files.json_files import write_model
-from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement
+from v3studio.gui.pages.calibrate.view import CalibrateView, Verdict
+from v3studio.pipelines.takes.files.json_files import read_model, write_model
+from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement, InitialPointsReport
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CameraVerdict, RigVerdict
 
@@ -29,8 +30,11 @@ def test_it_shows_matches_masks_and_what_refinement_changed(workspace: Workspace
     before = view.state()
     table = view.draw(SIZE, before)
     rows = {line.split("\t")[0]: line.split("\t")[1:] for line in view.table_text.splitlines()}
-    assert rows["cam1"][-3:] == ["40% of 120", "33%", "0.50\N{DEGREE SIGN}, 0.02"]
-    assert rows["cam2"][-3:] == ["", "", ""]
+    files = [take.initialize_group(group) / "report.json" for group in range(2)]
+    made = [read_model(path, InitialPointsReport).disagreement for path in files]
+    off = {name: f"{max(errors[name] for errors in made):.0%}" for name in ("cam1", "cam2")}
+    assert rows["cam1"][-3:] == ["40% of 120", off["cam1"], "0.50\N{DEGREE SIGN}, 0.02"], "as in the log"
+    assert rows["cam2"][-3:] == ["", off["cam2"], ""]
     (block,) = [block for block in view.blocks if verdict.reason in block.note]
     assert "+2.00 dB" in block.note
 
@@ -38,3 +42,25 @@ def test_it_shows_matches_masks_and_what_refinement_changed(workspace: Workspace
     view.draw(SIZE, view.state())
     view.mode = "cameras"
     assert view.draw(SIZE, view.state()).shape == table.shape
+
+
+def test_a_dot_is_of_the_measured_error_of_its_camera(workspace: Workspace, take_copy: Path) -> None:
+    take = Take.open(take_copy)
+    workspace.open(take)
+    view, path = CalibrateView(workspace), take.initialize_group(0) / "report.json"
+    fine = CameraVerdict(matches=120, fits=0.9, mask_error=0.05)
+    names = [f"cam{number}" for number in range(6)]
+    verdict = RigVerdict(grade="good", reason="", cameras=dict.fromkeys(names, fine))
+    rig = json.loads(take.rig.read_text())
+    camera = next(camera for camera in rig["cameras"] if camera["name"] == "cam4")
+    camera["K"][0][0] *= 1.6
+    take.rig.write_text(json.dumps(rig))
+    write_model(take.rig_verdict, verdict)
+    report = read_model(path, InitialPointsReport)
+    errors = {**dict.fromkeys(names, 0.05), "cam3": 0.3, "cam2": 0.5}
+    write_model(path, report.model_copy(update={"disagreement": errors}))
+    view.draw(SIZE, view.state())
+    dots = {name: view._verdict(name) for name in names}
+    assert dots["cam3"] == Verdict.WORSE
+    assert dots["cam2"] == dots["cam4"] == Verdict.DISAGREES
+    assert dots["cam0"] == dots["cam1"] == Verdict.AGREES
