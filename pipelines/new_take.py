@@ -85,6 +85,13 @@ class NewTake:
             raise StudioError("take.bad_frames", f"'{typed}' is not a range of frames", value=typed, fix=fix)
         return first, last
 
+    def span_or_none(self) -> tuple[int, int] | None:
+        """`span`; None also for what is not two numbers."""
+        try:
+            return self.span()
+        except StudioError:
+            return None
+
     def _rate(self) -> float | None:
         """Frames per second, as typed."""
         typed = self.fps.strip()

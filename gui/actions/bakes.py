@@ -85,8 +85,11 @@ class BakeActions:
     def _enable(self) -> None:
         widgets = self._dialogs.widgets
         widgets["compare"].enabled = self._selected is not None
-        is_kept = any(row.is_stream for row in self.rows)
-        widgets["keep"].enabled = self._baked and self._keeper.idle and not is_kept
+        why = "" if self._baked else "To keep the stream, run Bake first: it is not up to date."
+        why = "The stream is kept already." if any(row.is_stream for row in self.rows) else why
+        widgets["keep"].enabled = self._keeper.idle and not why
+        if not self._words:
+            self._message.text = in_lines(why, MESSAGE_LINES)
 
     @property
     def _selected(self) -> KeptBake | None:
@@ -153,6 +156,8 @@ class BakeActions:
             self._notices.show(str(as_message(done.error)), bad=True, topic="compare")
         elif done.result is not None:
             self._views.select("review")
+            while self._views.leave_edits():  # a comparison is not shown over them
+                pass
             self._notices.clear("compare")
             self._player.compare_with(done.result)
         self._changed()

@@ -27,6 +27,7 @@ from v3studio.pipelines.reports.evaluation import update_marks
 from v3studio.pipelines.reports.images import write_image
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats import EXPORTS
+from v3studio.studio.formats.usd import usd
 
 
 class OutputActions:
@@ -125,6 +126,8 @@ class OutputActions:
 
         def start() -> None:
             try:
+                if request.kind == "usd":
+                    usd()  # refuses to begin without its package
                 self._exports.start(request)
             except (StudioError, OSError) as refused:
                 self._ask_export(request, sources, str(refused))

@@ -23,7 +23,7 @@ class Reports:
         self._changed = changed
         workspace.refused.connect(self._refused)
         workspace.changed.connect(self._forget_refusals)
-        workspace.run_ended.connect(partial(notices.show, topic="run"))
+        workspace.run_ended.connect(partial(notices.show, topic="run"))  # the words, and whether they are bad
         exports.finished.connect(self._exported)
         LOOP.every(LOOK_EVERY, self._look_at_marks)
 

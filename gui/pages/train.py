@@ -27,7 +27,7 @@ CURVES = (
     ("splats", "Splats", "{:,.0f}"),
 )
 
-NOT_RUN = "no values yet"
+NOT_RUN = "No values yet."
 
 
 class TrainView(StageView):
@@ -47,7 +47,7 @@ class TrainView(StageView):
     def nothing(self) -> str:
         """The words instead of curves where there are none."""
         status = self.workspace.assessment.stages.get("train")
-        return NOT_RUN if status is not None and status.state == MISSING else "no data from the last run"
+        return NOT_RUN if status is not None and status.state == MISSING else "The last run has trained nothing."
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         context = self.workspace.context
@@ -55,6 +55,10 @@ class TrainView(StageView):
             return sentence(size, self.workspace.without_settings, self.em)
         canvas = Canvas(*size, GROUND)
         run, em = self.workspace.run, self.em
+        if not any(run.curves.values()):  # more room for the images
+            canvas.text(em, 0.7 * em, self.nothing, round(0.85 * em), DIM)
+            self._pictures(canvas, 2.4 * em)
+            return canvas.pixels
         share = 0.44 * size[1]
         each = (size[0] - 4 * em) / 3
         small, top = round(0.85 * em), 0.7 * em

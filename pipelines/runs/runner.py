@@ -1,6 +1,7 @@
 """Runs the stages of a take that are not up to date, and reports events."""
 
 import contextlib
+import json
 import logging
 import os
 import traceback
@@ -165,8 +166,9 @@ class _Notes:
 
     def __call__(self, event: Event) -> None:
         if isinstance(event, Warned):
-            values = {name: getattr(event, name) for name in RecordedWarning.model_fields}
-            self._warnings.append(RecordedWarning.model_validate(values))
+            values = json.loads(event.to_json())
+            recorded = {name: values[name] for name in RecordedWarning.model_fields}
+            self._warnings.append(RecordedWarning.model_validate(recorded))
         elif isinstance(event, Metrics) and event.group is not None:
             self._groups.add(event.group)
         self._emit(event)

@@ -38,7 +38,9 @@ from v3studio.studio.settings import OVERRIDES
 LOOK_EVERY = 0.5  # seconds between two scans of the take's folder
 ASSESS_EVERY = 30.0  # seconds after which the stages are reassessed even without a visible change
 
-NOT_JUDGED = "The masks are not judged yet. Run Calibrate, then Check compares those of all frames."
+NOT_JUDGED = "Nothing has judged the masks yet: look at them. With 8 cameras, Check compares them after Calibrate."
+
+KILLED = "The run was killed or crashed. Run again to continue."
 
 FOOTAGE_CACHE = 512 * 1024 * 1024
 """Bytes of decoded images that are kept of the footage without cameras, and again of that with them, as of decoded
@@ -56,7 +58,7 @@ class Workspace:
     Signals:
         changed: anything that is shown of the take or its run has changed.
         new_results: the take has new results.
-        run_ended: a run of this window has ended well: what to know first, and whether that is a warning.
+        run_ended: a run has ended well or was killed: what to know first, and whether that is bad.
         refused: a run cannot be started, paused or cancelled, for this reason.
     """
 
@@ -161,6 +163,7 @@ class Workspace:
             crash = job.crash()
             if crash is not None:
                 self.run.crashed(*crash)
+                self.run_ended.emit(crash[0], True)
             assert self.take is not None
             self.job, self.cancelling, self.paused = None, False, False
             self._follower = LogFollower(self.take.log)
@@ -212,7 +215,8 @@ class Workspace:
                 self._next_assess = 0.0
             self.holder = holder
             if holder is None and self.run.changes and not self.run.outcome and self.run.begun:
-                self.run.crashed("The run was killed or crashed. Run again to continue.")
+                self.run.crashed(KILLED)
+                self.run_ended.emit(KILLED, True)
         self.paused = self.pid is not None and not self._elsewhere and is_paused(self.pid)
         fingerprint = self._take_fingerprint()
         now = time.monotonic()

@@ -115,7 +115,7 @@ class NewTakeDialog:
 
     def _type(self, attribute: str, text: str) -> None:
         setattr(self._new, attribute, text)
-        if self._found == CHOOSE and text.strip():  # what is typed has a file name at each letter
+        if self._found is CHOOSE and text.strip():  # what is typed has a file name at each letter
             self._found = Found("Enter examines it.")
             self._update()
 
