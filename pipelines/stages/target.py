@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def target_digest(settings: CalibrateSettings, capture: CaptureSettings) -> list[str]:
     """Digests of the files with the calibration target."""
     patterns = (settings.board_images, settings.intrinsics_images)
-    return [_open(capture, pattern).digest() for pattern in patterns if pattern]
+    return [_open(capture.replace(offsets={}), pattern).digest() for pattern in patterns if pattern]
 
 
 def calibrate_with_target(
@@ -42,7 +42,8 @@ def calibrate_with_target(
     views, sizes = _views(settings, capture, settings.board_images, names, detecting)
     if settings.intrinsics_images:
         detecting = reporter.part("detecting the target", 0.6, 0.8)
-        own, own_sizes = _views(settings, capture, settings.intrinsics_images, names, detecting)
+        unshifted = capture.replace(offsets={})  # each camera's own images, which need not be synchronized
+        own, own_sizes = _views(settings, unshifted, settings.intrinsics_images, names, detecting)
         for name, size in own_sizes.items():
             if sizes[name] != size:
                 problem = (
@@ -79,7 +80,8 @@ def intrinsics_from_target(
     from v3studio.studio.calibration import calibrate_intrinsics
 
     assert settings.intrinsics_images is not None
-    views, sizes = _views(settings, capture, settings.intrinsics_images, names, detecting)
+    unshifted = capture.replace(offsets={})
+    views, sizes = _views(settings, unshifted, settings.intrinsics_images, names, detecting)
     own = {name: [view for (_, camera), view in views.items() if camera == name] for name in sizes}
     return calibrate_intrinsics(own, sizes, settings, threads)
 
@@ -94,6 +96,7 @@ def _open(capture: CaptureSettings, pattern: str) -> Footage:
         masks="none",
         cameras=capture.cameras,
         color_matrix=capture.color_matrix,
+        offsets=capture.offsets,
         fps=1.0,
     )
     return open_footage(spec, None, strict=False)

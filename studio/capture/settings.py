@@ -209,10 +209,10 @@ class CaptureSettings(DifferenceSettings, FileSettings):
         dict[str, int],
         Unbounded("offsets beyond the footage leave no frames"),
         Empty("none"),
-        Affects("cameras_from_images", *_DEFAULT.results),
+        Affects("cameras_from_images", "cameras_from_target", *_DEFAULT.results),
     ] = Field(default={})
-    """Synchronization offsets in frames: with {cam03: 2}, frame f + 2 of cam03 is used as frame f. Applies to images
-    and masks. `v3studio sync` estimates them."""
+    """Synchronization offsets in frames: with {cam03: 2}, frame f + 2 of cam03 is used as frame f. Applies to images,
+    masks and calibrate.board_images. `v3studio sync` estimates them."""
 
     size_rule: Annotated[SizeRule, Affects("cameras_from_points", "training_views", "evaluation")] = "auto"
     """How the footage was resized if its aspect ratio differs from the calibration's. stretch: the axes were scaled

@@ -15,6 +15,7 @@ from v3studio.pipelines.stages.calibrate_plan import frames_to_try
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.known_cameras import focal_lengths, known_cameras
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.target import calibrate_with_target
 from v3studio.pipelines.takes.results.stage_files import checked_cameras
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration import CalibrationResult, align_rigs, reprojection_report
@@ -96,6 +97,22 @@ def test_focal_lengths_from_exif(tmp_path: Path) -> None:
     assert set(found) == {"a", "b"}
     assert found["a"] == pytest.approx(50 / 35 * 80, rel=0.05)
     assert focal_lengths(context(tmp_path / "other").raw_footage, 0) == {}
+
+
+def test_board_images_are_shifted_as_the_footage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = context(tmp_path, filmed=6)
+    capture = made.config.capture.replace(offsets={"b": 2})
+    settings = CalibrateSettings(board_images="images/{camera}/{frame}.png")
+    first = {}
+
+    def detect(cameras: dict[str, Any], *_: object) -> None:
+        first.update({name: int(read(1)[0, 0, 0]) for name, read in cameras.items()})
+        raise StudioError("stop", "")
+
+    monkeypatch.setattr("v3studio.studio.calibration.detect_target", detect)
+    with refuses("stop"):
+        calibrate_with_target(settings, capture, ("a", "b"), 1, StageReporter("calibrate"))
+    assert first == {"a": 1, "b": 3}
 
 
 def test_which_frames() -> None:
