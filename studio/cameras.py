@@ -25,18 +25,27 @@ OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns the camera axes of OpenGL and of film tools (y up, looking along -z) into those of OpenCV, and back."""
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+_FISHEYE_LENGTHS = (4, 8)
+THIN_PRISM = [0, 1, 4, 5, 2, 3, 6, 7]
+"""COLMAP's order k1 k2 p1 p2 k3 k4 sx1 sy1 of these coefficients, and back; here it is k1 k2 k3 k4 [p1 p2 s1 s2]."""
+_STEPS = 30  # of the iterations that invert the model; they converge in less than ten within usual images
+
+_WIDEST = np.tan(np.radians(60))
+"""How far a fisheye's pinhole view reaches to each side of the axis, x / z: beyond, pixels stand for ever less."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Camera:
-    """Pinhole intrinsics, OpenCV lens distortion and pose of one camera.
+    """Intrinsics, lens and pose of one camera.
 
     Attributes:
         name: unique within its rig.
         width, height: image size in pixels.
         K: (3, 3) float64, pixels, origin at the outer corner of the top-left pixel.
         world_to_camera: (4, 4) float64 rigid transform, OpenCV axes.
-        distortion: OpenCV coefficients (k1 k2 p1 p2 [k3 [k4 k5 k6 ...]]); empty for a pinhole camera.
+        distortion: OpenCV coefficients (k1 k2 p1 p2 [k3 [k4 k5 k6 ...]]); empty for a pinhole camera; of a fisheye
+            k1 k2 k3 k4 as in OpenCV [p1 p2 s1 s2 as in COLMAP].
+        fisheye: whether the lens is a fisheye, of which directions less than 90 degrees from the axis are used.
 
     Raises:
         StudioError: a matrix has the wrong shape (camera.wrong_shape), a value is not finite (camera.not_finite), the
@@ -50,11 +59,14 @@ class Camera:
     K: np.ndarray
     world_to_camera: np.ndarray
     distortion: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
         K = np.asarray(self.K, dtype=np.float64)
         pose = np.asarray(self.world_to_camera, dtype=np.float64)
         distortion = np.asarray(self.distortion, dtype=np.float64).reshape(-1)
+        if self.fisheye and distortion.size == 0:
+            distortion = np.zeros(4)
         if pose.shape == (3, 4):
             pose = np.vstack([pose, [0.0, 0.0, 0.0, 1.0]])
         if K.shape != (3, 3) or pose.shape != (4, 4):
@@ -80,14 +92,15 @@ class Camera:
             problem = "the rotation in world_to_camera is not orthonormal with determinant 1"
             fix = "Export the cameras again, without scale or mirroring in the poses."
             raise camera_error("camera.rotation", self.name, problem, fix=fix)
-        if distortion.size not in _DISTORTION_LENGTHS:
+        lengths = _FISHEYE_LENGTHS if self.fisheye else _DISTORTION_LENGTHS
+        if distortion.size not in lengths:
             raise camera_error(
                 "camera.distortion",
                 self.name,
-                f"found {distortion.size} distortion coefficients, expected one of {_DISTORTION_LENGTHS} as in OpenCV",
+                f"found {distortion.size} distortion coefficients, expected one of {lengths} as in OpenCV",
                 value=distortion.size,
                 fix="Add zeros up to the next of these counts.",
-                expected=list(_DISTORTION_LENGTHS),
+                expected=list(lengths),
             )
         for key, made in {**matrices, "width": int(self.width), "height": int(self.height)}.items():
             object.__setattr__(self, key, made)
@@ -129,6 +142,7 @@ class Camera:
         """One line: name, size, focal length in pixels, place and viewing direction."""
         at, looking = (", ".join(f"{value:.4g}" for value in vector) for vector in (self.center, self.forward))
         lens = "" if self.is_pinhole else f", {self.distortion.size} distortion coefficients"
+        lens = ", fisheye" + lens if self.fisheye else lens
         size = f"{self.width}x{self.height}"
         return f"Camera({self.name!r}, {size}, f={self.fx:.5g}, at=({at}), looking=({looking}){lens})"
 
@@ -175,7 +189,7 @@ class Camera:
     @property
     def is_pinhole(self) -> bool:
         """Tell whether there is no lens distortion."""
-        return not np.any(self.distortion)
+        return not self.fisheye and not np.any(self.distortion)
 
     @property
     def cv2_K(self) -> np.ndarray:
@@ -191,8 +205,9 @@ class Camera:
         local = points @ self.rotation.T + self.translation
         depth = local[:, 2]
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
-        if self.is_pinhole:
+        if self.is_pinhole or self.fisheye:
             xy = local[:, :2] / safe[:, None]
+            xy = fisheye_distorted(xy, self.distortion) if self.fisheye else xy
             pixels = xy @ self.K[:2, :2].T + self.K[:2, 2]
         else:
             import cv2
@@ -204,11 +219,12 @@ class Camera:
 
     def normalized(self, pixels: np.ndarray) -> np.ndarray:
         """(N, 2) float64 image coordinates x / z, y / z in camera axes of (N, 2) pixels, origin at the image corner;
-        rows with NaN give NaN. Lens distortion is inverted by iteration; far outside the image it may not converge."""
+        rows with NaN give NaN, and so do directions at 90 degrees from a fisheye's axis or more. Lens distortion is
+        inverted by iteration; far outside the image it may not converge."""
         pixels = np.asarray(pixels, np.float64).reshape(-1, 2)
-        if self.is_pinhole:
+        if self.is_pinhole or self.fisheye:
             result: np.ndarray = np.linalg.solve(self.K, np.column_stack([pixels, np.ones(len(pixels))]).T)[:2].T
-            return result
+            return fisheye_undistorted(result, self.distortion) if self.fisheye else result
         import cv2
 
         rays = np.full_like(pixels, np.nan)
@@ -234,8 +250,19 @@ class Camera:
         return result
 
     def undistorted(self) -> Camera:
-        """The camera of the undistorted images: same K, pose and size, but no distortion."""
-        return replace(self, distortion=np.zeros(0))
+        """The camera of the undistorted images: same K, pose and size, but no distortion.
+
+        That of a fisheye has the same focal length, so that it resolves as much as the middle of the image, and a size
+        that covers the middle row and column of the image, up to 60 degrees from the axis.
+        """
+        if not self.fisheye:
+            return replace(self, distortion=np.zeros(0))
+        ends = [[0, self.cy], [self.width, self.cy], [self.cx, 0], [self.cx, self.height]]
+        left, right, top, bottom = self.normalized(np.array(ends))[[0, 1, 2, 3], [0, 0, 1, 1]]
+        start = np.fmax([left, top], -_WIDEST) * [self.fx, self.fy]
+        size = np.ceil(np.fmin([right, bottom], _WIDEST) * [self.fx, self.fy] - start).astype(int)
+        K = np.array([[self.fx, 0, -start[0]], [0, self.fy, -start[1]], [0, 0, 1]])
+        return Camera(self.name, int(size[0]), int(size[1]), K, self.world_to_camera)
 
     def resized(self, width: int, height: int) -> Camera:
         """Return the camera with another image size; K is scaled per axis."""
@@ -262,6 +289,7 @@ class Camera:
             "K": self.K.tolist(),
             "world_to_camera": self.world_to_camera.tolist(),
             "distortion": self.distortion.tolist(),
+            "fisheye": self.fisheye,
         }
 
     @classmethod
@@ -278,6 +306,7 @@ class Camera:
             K=array(values["K"], "K", who),
             world_to_camera=array(values["world_to_camera"], "world_to_camera", who),
             distortion=array(values.get("distortion", []), "distortion", who),
+            fisheye=bool(values.get("fisheye", False)),
         )
 
 
@@ -460,3 +489,58 @@ class FootageView:
     plate: np.ndarray | None = None
 
     __repr__ = short_repr
+
+
+# Fisheye lenses follow Kannala and Brandt (2006), as OpenCV's `fisheye`, with the tangential and thin prism terms of
+# COLMAP's THIN_PRISM_FISHEYE. A direction at the angle theta from the axis is first drawn at the radius theta. Its
+# place (u, v) there, with s = u^2 + v^2, is then multiplied by 1 + k1 s + k2 s^2 + k3 s^3 + k4 s^4, and shifted.
+
+
+def fisheye_distorted(points: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+    """(..., 2) places in the image, in focal lengths from the principal point, of (..., 2) `points` x / z, y / z."""
+    radius = np.linalg.norm(points, axis=-1, keepdims=True)
+    straight = points * np.where(radius > 1e-9, np.arctan(radius) / np.maximum(radius, 1e-9), 1.0)
+    bent: np.ndarray = straight * _stretch((straight**2).sum(-1, keepdims=True), coefficients)
+    return bent + _shift(straight, coefficients)
+
+
+def fisheye_undistorted(points: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Invert `fisheye_distorted`; NaN for directions at 90 degrees from the axis or more, and where it has no
+    inverse."""
+    straight = np.asarray(points, np.float64)
+    for _ in range(_STEPS if np.any(coefficients[4:]) else 1):
+        straight = _with_angles(points - _shift(straight, coefficients), coefficients)
+    theta = np.linalg.norm(straight, axis=-1, keepdims=True)
+    result = straight * np.where(theta > 1e-9, np.tan(theta) / np.maximum(theta, 1e-9), 1.0)
+    off = np.abs(fisheye_distorted(result, coefficients) - points).max(-1, keepdims=True)
+    return np.where((theta < np.pi / 2) & (off < 1e-6), result, np.nan)
+
+
+def _with_angles(points: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+    """The places that `_stretch` moves to `points`, by Newton's method along each radius."""
+    wanted = np.linalg.norm(points, axis=-1, keepdims=True)
+    k1, k2, k3, k4 = coefficients[:4]
+    theta = np.minimum(wanted, 1.0)
+    for _ in range(_STEPS):
+        s = theta**2
+        slope = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
+        step = (theta * _stretch(s, coefficients) - wanted) / np.where(np.abs(slope) > 1e-3, slope, 1e-3)
+        theta = np.clip(theta - np.clip(step, -0.5, 0.5), 0, np.pi)
+    return points * np.where(wanted > 1e-9, theta / np.maximum(wanted, 1e-9), 1.0)
+
+
+def _stretch(s: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+    k1, k2, k3, k4 = coefficients[:4]
+    stretch: np.ndarray = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))
+    return stretch
+
+
+def _shift(straight: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+    if not np.any(coefficients[4:]):
+        return np.zeros_like(straight)
+    p1, p2, s1, s2 = coefficients[4:]
+    u, v = straight[..., 0], straight[..., 1]
+    s = u * u + v * v
+    return np.stack(
+        [2 * p1 * u * v + p2 * (s + 2 * u * u) + s1 * s, 2 * p2 * u * v + p1 * (s + 2 * v * v) + s2 * s], axis=-1
+    )

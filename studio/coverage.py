@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -140,7 +140,8 @@ def facing_cameras(cameras: Iterable[Camera], points: np.ndarray, normals: np.nd
     for camera in cameras:
         towards = camera.center - points
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
-        pixels, depth = replace(camera, distortion=np.zeros(0)).project(points)
-        inside = (depth > 0) & (pixels >= 0).all(1) & (pixels < [camera.width, camera.height]).all(1)
+        view = camera.undistorted()
+        pixels, depth = view.project(points)
+        inside = (depth > 0) & (pixels >= 0).all(1) & (pixels < [view.width, view.height]).all(1)
         count += inside & ((unit * towards).sum(1) > _FACING)
     return count

@@ -1,11 +1,19 @@
 """The intrinsics that calibration begins with."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import StudioError
+
+_SHORT, _BARREL = 0.7, -0.03
+
+
+def may_be_fisheye(focal: float, distortion: Sequence[float] | np.ndarray) -> bool:
+    """Tell whether a usual lens that was fitted to images may be a fisheye: a short focal length, as a multiple of the
+    longer side, with barrel distortion. Others have less than 71 degrees across, or are straight."""
+    return focal < _SHORT and len(distortion) > 0 and bool(distortion[0] < _BARREL)
 
 
 def initial_camera(

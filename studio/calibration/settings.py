@@ -7,7 +7,8 @@ from pydantic import Field, model_validator
 from v3studio.studio.calibration.target.pattern import CalibrationTarget
 from v3studio.studio.settings import Affects, Conflict, Empty, Heading, Name, Settings, Unbounded
 
-CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"]
+CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE"]
+USUAL_MODEL: CameraModel = "SIMPLE_RADIAL"
 
 Meters = Annotated[float, Field(gt=0)]
 _FRAME_NUMBER = Unbounded("frame numbers are those of the files")
@@ -63,8 +64,9 @@ class CalibrateSettings(Settings):
     """Image region in which features are detected. everything: the whole image. room: everything except the performer.
     performer: only the performer. The last two need masks."""
 
-    camera_model: Annotated[CameraModel, Heading("Intrinsics"), _ALL_WAYS] = "SIMPLE_RADIAL"
-    """COLMAP camera model. Models with more distortion parameters fit stronger distortion but need more features."""
+    camera_model: Annotated[CameraModel | None, Heading("Intrinsics"), _ALL_WAYS, Empty("automatic")] = None
+    """COLMAP camera model. Models with more distortion parameters fit stronger distortion but need more features. null:
+    SIMPLE_RADIAL, but OPENCV_FISHEYE for the cameras whose images of the footage or the target it fits much better."""
 
     shared_intrinsics: Annotated[bool | None, _POINTS, Empty("automatic")] = None
     """true: all cameras of one image size share intrinsics (one camera moved around, or identical fixed lenses). false:

@@ -106,7 +106,7 @@ CAMERA_FORMATS = (
     ),
     CameraFormat(
         "metashape", "Metashape XML, such as `cameras.xml`",
-        "a lens with k4 is converted to OpenCV's rational model (within 0.25 px); p3, p4 and fisheye are not "
+        "a lens with k4 is converted to OpenCV's rational model (within 0.25 px); p3 and p4 are not "
         "supported; slave cameras are placed from their masters",
         usual=("cameras.xml",),
     ),
@@ -132,6 +132,10 @@ CAMERA_FORMATS = (
             )
             for extension in ("xml", "yml", "yaml")
         ),
+    ),
+    CameraFormat(
+        "kalibr", "`camchain.yaml` (Kalibr)", "OpenCV's pixel origin; pinhole-equi and pinhole-radtan",
+        named=("*camchain*.yaml",), usual=("*camchain*.yaml",),
     ),
     CameraFormat("qualisys", "Qualisys `.qca.txt`", usual=("*.qca.txt",)),
     CameraFormat(

@@ -9,13 +9,14 @@ import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
 from v3studio.studio.bounded_files import read_bounded
 from v3studio.studio.camera_files.common import camera_names, check_expressible, read_text, unreadable, write_atomic
 from v3studio.studio.camera_files.common.camera_file import CameraFile
-from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.cameras import THIN_PRISM, Camera, Rig
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.rotations import matrices_to_quats, quats_to_matrices
 
@@ -27,11 +28,24 @@ MODELS = {
     "RADIAL": (3, 5),
     "OPENCV": (4, 8),
     "FULL_OPENCV": (6, 12),
+    "OPENCV_FISHEYE": (5, 8),
+    "SIMPLE_RADIAL_FISHEYE": (8, 4),
+    "RADIAL_FISHEYE": (9, 5),
+    "THIN_PRISM_FISHEYE": (10, 12),
 }
+_ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 
 
-def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """K (3, 3) and OpenCV distortion of a COLMAP camera."""
+class Intrinsics(TypedDict):
+    """The lens of a `Camera`, in its names."""
+
+    K: np.ndarray
+    distortion: np.ndarray
+    fisheye: bool
+
+
+def intrinsics(model: str, parameters: Sequence[float]) -> Intrinsics:
+    """The lens of a COLMAP camera; a pinhole camera has no distortion coefficients."""
     if model not in MODELS:
         raise _unsupported_model(model)
     if len(parameters) != MODELS[model][1]:
@@ -41,13 +55,16 @@ def intrinsics(model: str, parameters: Sequence[float]) -> tuple[np.ndarray, np.
             "camera_file.model_parameters", problem, value=len(parameters), fix=fix, expected=MODELS[model][1]
         )
     p = np.array(parameters, np.float64)
-    if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
+    if model in _ONE_FOCAL_LENGTH:
         p = np.concatenate([p[:1], p])  # one focal length for both axes
     K = np.array([[p[0], 0, p[2]], [0, p[1], p[3]], [0, 0, 1.0]])
     distortion = p[4:]
     if len(distortion) in (1, 2):
         distortion = np.concatenate([distortion, np.zeros(4 - len(distortion))])
-    return K, distortion
+    fisheye = "FISHEYE" in model
+    if model == "THIN_PRISM_FISHEYE":
+        distortion = distortion[THIN_PRISM]
+    return {"K": K, "distortion": distortion if fisheye or distortion.any() else np.zeros(0), "fisheye": fisheye}
 
 
 def _unsupported_model(model: str) -> StudioError:
@@ -58,7 +75,10 @@ def _unsupported_model(model: str) -> StudioError:
 
 def camera_model(camera: Camera) -> tuple[str, list[float]]:
     """COLMAP model name and parameters of a camera."""
-    check_expressible(camera, "COLMAP", 8)
+    check_expressible(camera, "COLMAP", 8, fisheye=True)
+    if camera.fisheye:
+        model = "THIN_PRISM_FISHEYE" if np.any(camera.distortion[4:]) else "OPENCV_FISHEYE"
+        return model, model_parameters(camera, model)
     model = "PINHOLE" if camera.is_pinhole else "FULL_OPENCV" if np.any(camera.distortion[4:]) else "OPENCV"
     return model, model_parameters(camera, model)
 
@@ -67,8 +87,9 @@ def model_parameters(camera: Camera, model: str) -> list[float]:
     """Parameters of a COLMAP model for a camera, without the distortion terms that the model does not have."""
     focal, distortion = (camera.fx + camera.fy) / 2, np.zeros(8)
     distortion[: camera.distortion.size] = camera.distortion[:8]
-    has_one_focal = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-    base = [focal, camera.cx, camera.cy] if has_one_focal else [camera.fx, camera.fy, camera.cx, camera.cy]
+    if model == "THIN_PRISM_FISHEYE":
+        distortion = distortion[THIN_PRISM]
+    base = [focal, camera.cx, camera.cy] if model in _ONE_FOCAL_LENGTH else [camera.fx, camera.fy, camera.cx, camera.cy]
     return base + distortion[: MODELS[model][1] - len(base)].tolist()
 
 
@@ -142,14 +163,14 @@ def _rig(camera_path: Path, by_id: dict[int, _Lens], poses: list[_Pose]) -> Rig:
             raise StudioError("camera_file.unknown_camera", problem, value=key, fix=fix, camera=name)
         model, width, height, parameters = by_id[key]
         with naming(camera_path):
-            K, distortion = intrinsics(model, parameters)
+            lens = intrinsics(model, parameters)
         quat = np.array(numbers[:4])
         if not np.isfinite(quat).all() or np.linalg.norm(quat) < 1e-6:
             problem = f"image '{image}' has an invalid rotation quaternion {numbers[:4]}"
             fix = "Export the model again."
             raise StudioError("camera.rotation", problem, value=numbers[:4], fix=fix, camera=name)
         pose = np.column_stack([quats_to_matrices(quat), numbers[4:]])
-        result.append(Camera(name, width, height, K, pose, distortion))
+        result.append(Camera(name, width, height, world_to_camera=pose, **lens))
     return Rig(tuple(result))
 
 

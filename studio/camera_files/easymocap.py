@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from v3studio.studio.camera_files.common import need_both, no_cameras, write_atomic
+from v3studio.studio.camera_files.common import check_expressible, need_both, no_cameras, write_atomic
 from v3studio.studio.camera_files.common.camera_file import CameraFile
 from v3studio.studio.camera_files.common.keyed import KeyedForm, keyed_rig, normal_key
 from v3studio.studio.camera_files.common.opencv_storage import read_storage
@@ -52,6 +52,7 @@ def write(rig: Rig, path: Path) -> None:
     intrinsics = ["%YAML:1.0", "---", "names:", *(f'   - "{camera.name}"' for camera in rig)]
     pose = list(intrinsics)
     for camera in rig:
+        check_expressible(camera, "EasyMocap's file", 14)
         coefficients = np.pad(camera.distortion, (0, max(0, 5 - camera.distortion.size)))
         intrinsics += _matrix(f"K_{camera.name}", camera.cv2_K) + _matrix(f"dist_{camera.name}", coefficients[None])
         intrinsics += [f"H_{camera.name}: {camera.height}", f"W_{camera.name}: {camera.width}"]

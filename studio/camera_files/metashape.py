@@ -7,7 +7,7 @@ pixel is (0.5, 0.5), as in `studio.cameras`. x' and y' follow Brown's model, wit
 Cameras without a transform are either slaves of a master, or were not aligned and are left out, as disabled ones are.
 A slave's sensor has `rotation` (slave to master) and `location` (in the master's axes; taken to be in the units of the
 chunk, as Metashape's API says nothing else and chunks may have no scale). OpenCV has no k4 r^8 term: if a camera uses
-it, OpenCV's rational model is fitted.
+it, OpenCV's rational model is fitted. The terms of a sensor of type fisheye apply to an equidistant projection.
 """
 
 from collections.abc import Mapping
@@ -147,12 +147,12 @@ def _numbers(element: Element | None, tag: str, count: int, camera: str) -> np.n
 
 
 def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None) -> Camera:
-    _check_type(name, "sensor", sensor)
+    fisheye = _is_fisheye(name, "sensor", sensor)
     calibrations = {part.get("class", ""): part for part in sensor.findall("calibration")}
     calibration = calibrations.get("adjusted", calibrations.get("", calibrations.get("initial")))
     if calibration is None:
         raise missing_key("calibration", name)
-    _check_type(name, "calibration", calibration)
+    fisheye = _is_fisheye(name, "calibration", calibration) or fisheye
     for part in calibration:
         if part.tag not in _TERMS:
             problem = f"<{part.tag}> in <calibration> is not known and may change how the camera projects"
@@ -180,18 +180,20 @@ def _camera(name: str, pose: np.ndarray, sensor: Element, world: Element | None)
         raise camera_error("camera.lens_model", name, problem, value=[term("p3"), term("p4")], fix=fix)
     K = np.array([[focal + term("b1"), 0, width / 2 + term("cx")], [0, focal, height / 2 + term("cy")], [0, 0, 1.0]])
     k = [term(f"k{i}") for i in (1, 2, 3, 4)]
-    distortion = brown(k, (term("p2"), term("p1")), K, (width, height), name)
+    p = (term("p2"), term("p1"))
+    distortion = np.array([*k, *p, 0, 0]) if fisheye else brown(k, p, K, (width, height), name)
     rotation, translation, scale = _world(world, name)
     placed = np.column_stack([rotation @ pose[:3, :3], scale * rotation @ pose[:3, 3] + translation])
-    return Camera(name, width, height, K, rigid_inverse(placed), distortion)
+    return Camera(name, width, height, K, rigid_inverse(placed), distortion, fisheye)
 
 
-def _check_type(name: str, tag: str, element: Element) -> None:
+def _is_fisheye(name: str, tag: str, element: Element) -> bool:
     kind = element.get("type", "frame")
-    if kind != "frame":
-        problem = f"its {tag} is of type '{kind}'; only frame cameras are supported"
+    if kind not in ("frame", "fisheye"):
+        problem = f"its {tag} is of type '{kind}'; only frame and fisheye cameras are supported"
         fix = "Undistort the images to a pinhole camera first."
         raise camera_error("camera.lens_model", name, problem, value=kind, fix=fix)
+    return kind == "fisheye"
 
 
 def _world(element: Element | None, name: str) -> tuple[np.ndarray, np.ndarray, float]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.bounded_files import TextError, parse_toml
-from v3studio.studio.camera_files.common import no_cameras, read_text, write_atomic
+from v3studio.studio.camera_files.common import check_expressible, no_cameras, read_text, write_atomic
 from v3studio.studio.camera_files.common.camera_file import CameraFile
 from v3studio.studio.camera_files.common.keyed import KeyedForm, is_camera, keyed_rig
 from v3studio.studio.cameras import Rig
@@ -57,6 +57,7 @@ def write(rig: Rig, path: Path) -> None:
     nested = path.name.lstrip(".").startswith("camera_array")
     lines = []
     for number, camera in enumerate(rig):
+        check_expressible(camera, "TOML", 4 if camera.fisheye else 14, fisheye=True)
         distortion = np.pad(camera.distortion, (0, max(0, 4 - camera.distortion.size)))
         lines.append(f"[cameras.{number}]" if nested else f"[{json.dumps(camera.name)}]")
         if nested:
@@ -65,10 +66,10 @@ def write(rig: Rig, path: Path) -> None:
             f"name = {json.dumps(camera.name)}",
             f"size = [{camera.width}, {camera.height}]" if nested else f"size = [{camera.width}.0, {camera.height}.0]",
             f"matrix = {camera.cv2_K.tolist()}",
-            f"distortions = {distortion.tolist()}",
+            f"distortions = {distortion[: 4 if camera.fisheye else None].tolist()}",
             f"rotation = {camera.rotation.tolist() if nested else cv2.Rodrigues(camera.rotation)[0].ravel().tolist()}",
             f"translation = {camera.translation.tolist()}",
-            "fisheye = false",
+            f"fisheye = {str(camera.fisheye).lower()}",
             "",
         ]
     if not nested:

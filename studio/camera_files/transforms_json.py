@@ -3,8 +3,9 @@
 Each of the `frames[]` has a `file_path` and a `transform_matrix`, camera to world with OpenGL axes (x right, y up, z
 back); with `"from_na": true` (NeuS2), the axes are OpenCV's. Intrinsics are at the top level or in each frame: `fl_x`,
 `fl_y` or `camera_angle_x`, `camera_angle_y`, or a matrix `intrinsic_matrix` or `K`; `cx`, `cy`, `w`, `h`; distortion
-`k1 k2 p1 p2 k3` of OpenCV's model, for FULL_OPENCV also `k4 k5 k6`, or nerfstudio's `distortion_params`. The pixel
-origin is the image corner, as in COLMAP, since these files are usually converted from COLMAP models.
+`k1 k2 p1 p2 k3` of OpenCV's model, for FULL_OPENCV also `k4 k5 k6`, or nerfstudio's `distortion_params`; `k1 k2 k3 k4`
+with `camera_model` OPENCV_FISHEYE or `is_fisheye`, for THIN_PRISM_FISHEYE also `p1 p2 sx1 sy1`. The pixel origin is the
+image corner, as in COLMAP, since these files are usually converted from COLMAP models.
 
 Files for scenes with motion have an entry per camera and time; entries with equal cameras are one camera, named after
 what their paths have in common.
@@ -21,7 +22,6 @@ import numpy as np
 from v3studio.studio.camera_files.common import (
     camera_names,
     check_expressible,
-    fisheye,
     no_cameras,
     read_json,
     rigid_inverse,
@@ -29,14 +29,21 @@ from v3studio.studio.camera_files.common import (
     wrong_shape,
 )
 from v3studio.studio.camera_files.common.camera_file import CameraFile
-from v3studio.studio.camera_files.common.keyed import TERMS, FileNotes, KeyedForm, keyed_camera, normal_key
+from v3studio.studio.camera_files.common.keyed import (
+    FISHEYE_MODELS,
+    TERMS,
+    FileNotes,
+    KeyedForm,
+    keyed_camera,
+    normal_key,
+)
 from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
 from v3studio.studio.capture.patterns import without_extension
 from v3studio.studio.counts import listed
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.json_types import JsonObject
-from v3studio.studio.validation import array, missing_key
+from v3studio.studio.validation import array, camera_error, missing_key
 
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json")
 _SAME = (  # keys of the same value: one in an entry replaces all of them beside `frames`
@@ -44,7 +51,7 @@ _SAME = (  # keys of the same value: one in an entry replaces all of them beside
     {"intrinsic_matrix", "K"},
     {"w", "width"},
     {"h", "height"},
-    {"distortion_params", *TERMS},
+    {"distortion_params", "sx1", "sy1", *TERMS},
 )
 _HARMLESS = frozenset({
     "file_path", "from_na", "aabb_scale", "aabb", "scale", "offset", "applied_transform", "applied_scale",
@@ -137,12 +144,15 @@ def _camera(name: str, path: Path, file_path: str, entry: JsonObject, seen: File
         terms = array(entry["distortion_params"], "distortion_params", name)
         if terms.shape != (6,):
             raise wrong_shape("distortion_params", name, terms.shape, ((6,),))
-        known["distortion_params"] = [*terms[[0, 1, 4, 5, 2]], *([terms[3], 0, 0] if terms[3] else [])]
+        if not entry.get("is_fisheye") and normal_key(str(entry.get("camera_model"))) not in FISHEYE_MODELS:
+            known["distortion_params"] = [*terms[[0, 1, 4, 5, 2]], *([terms[3], 0, 0] if terms[3] else [])]
     camera = keyed_camera(path.parent, name, known, form, seen)
     if camera is None:
         raise missing_key("transform_matrix", name)
-    if camera.distortion[5:].any() and str(entry.get("camera_model")).upper() != "FULL_OPENCV":
-        raise fisheye(name)  # k4 is a fisheye lens's in instant-ngp
+    is_told = camera.fisheye or str(entry.get("camera_model")).upper() == "FULL_OPENCV"
+    if camera.distortion[5:].any() and not is_told:
+        problem, fix = "k4 may be that of a fisheye lens", "Set camera_model to OPENCV_FISHEYE or FULL_OPENCV."
+        raise camera_error("camera.lens_model", name, problem, value=entry.get("camera_model"), fix=fix, key="k4")
     if entry.get("from_na"):
         return camera
     return replace(camera, world_to_camera=OPENGL_AXES @ camera.world_to_camera)
@@ -185,11 +195,14 @@ def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
 
 
 def write(rig: Rig, path: Path) -> None:
-    """Write transforms.json atomically, with intrinsics per camera and at most the distortion k1 k2 p1 p2 k3."""
+    """Write transforms.json atomically, with intrinsics per camera and at most the distortion k1 k2 p1 p2 k3, or k1 to
+    k4 of fisheye lenses, which nerfstudio needs all cameras to have."""
     frames = []
+    fisheye = all(camera.fisheye for camera in rig)
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     for camera in rig:
-        check_expressible(camera, "transforms.json", 5)
-        distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion[:5].tolist(), strict=False))
+        check_expressible(camera, "transforms.json", len(names), fisheye)
+        distortion = dict(zip(names, camera.distortion[: len(names)].tolist(), strict=False))
         frames.append(
             {
                 "file_path": f"images/{camera.name}.png",
@@ -203,4 +216,5 @@ def write(rig: Rig, path: Path) -> None:
                 "transform_matrix": (rigid_inverse(camera.world_to_camera) @ OPENGL_AXES).tolist(),
             }
         )
-    write_atomic(path, (json.dumps({"camera_model": "OPENCV", "frames": frames}, indent=1) + "\n").encode())
+    model = "OPENCV_FISHEYE" if fisheye else "OPENCV"
+    write_atomic(path, (json.dumps({"camera_model": model, "frames": frames}, indent=1) + "\n").encode())

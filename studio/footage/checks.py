@@ -18,22 +18,27 @@ _LARGEST_DRIFT = 0.03  # change of a color channel that is reported, relative to
 
 _STEP = 4  # every fourth row and column is enough
 _LEAST_PIXELS = 200
+_BEYOND = 0.01  # fraction of the performer beyond the view of a fisheye that is reported
 _DARK, _BRIGHT = 24, 232  # beyond, noise or clipping hides the gain; backgrounds that were cut out are 0 or 255
 
 
 class ColorDrift:
     """Compares the set around the performer, frame by frame, with the first frame of each camera.
 
-    The gain of a channel is the median over pixels, so that shadows and things that move do not count. `see` may be
-    called by several threads with different cameras.
+    The gain of a channel is the median over pixels, so that shadows and things that move do not count. Performers
+    beyond the view of a fisheye are noticed, too. `see` may be called by several threads with different cameras.
     """
 
     def __init__(self) -> None:
         self._first: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._gains: dict[str, dict[int, np.ndarray]] = {}
+        self._beyond: dict[str, dict[int, float]] = {}
 
-    def see(self, camera: str, frame: int, image: np.ndarray, mask: np.ndarray) -> None:
-        """Measure a frame: an image (H, W, 3) uint8 RGB, and a mask (H, W) uint8, in which 255 is the performer."""
+    def see(self, camera: str, frame: int, image: np.ndarray, mask: np.ndarray, beyond: float = 0.0) -> None:
+        """Measure a frame: an image (H, W, 3) uint8 RGB, a mask (H, W) uint8, in which 255 is the performer, and
+        `Footage.beyond_view`."""
+        if beyond > _BEYOND:
+            self._beyond.setdefault(camera, {})[frame] = beyond
         colors, around = image[::_STEP, ::_STEP].astype(np.float32), mask[::_STEP, ::_STEP] < 8
         if camera not in self._first:
             self._first[camera] = (colors, around)
@@ -49,8 +54,22 @@ class ColorDrift:
 
     def messages(self) -> list[Message]:
         """A warning `footage.color_drift` for each camera whose colors change, with the fields `camera`, `frames` and
-        `change` (largest change of a channel, 0.05 is 5%)."""
+        `change` (largest change of a channel, 0.05 is 5%), and `mask.beyond_view` for each whose performer is not
+        wholly in the view of its fisheye, with `camera`, `frames` and `value`, the largest fraction that is beyond."""
         warnings = []
+        for camera, shares in sorted(self._beyond.items()):
+            share = max(shares.values())
+            told = f"up to {share:.0%} of the performer is beyond the view in {_frames(list(shares))}"
+            fix = "Of a fisheye, 60 degrees to each side are used: turn the camera, or leave it out (capture.cameras)."
+            warnings.append(
+                Message(
+                    "mask.beyond_view",
+                    f"Camera '{camera}': {told}",
+                    value=round(share, 3),
+                    fix=fix,
+                    fields={"camera": camera, "frames": tuple(shares)},
+                )
+            )
         for camera, gains in sorted(self._gains.items()):
             if len(gains) < 3:
                 continue
@@ -136,7 +155,7 @@ def check_footage(
                     break
                 continue
             if drift is not None:
-                drift.see(camera, frame, image, mask)
+                drift.see(camera, frame, image, mask, footage.beyond_view(camera, frame))
             share = float((mask >= 128).mean())
             if share < _EMPTY:
                 own.empty.append(frame)

@@ -138,6 +138,12 @@ class Footage:
         """(H, W) uint8 mask of `raw_image`, 255 = foreground. Raises StudioError as `mask`."""
         return self._raw_mask(camera, frame).copy()
 
+    def beyond_view(self, camera: str, frame: int) -> float:
+        """The fraction of the performer that a camera films beyond the view of its fisheye, which `image` shows. Raises
+        StudioError as `mask`."""
+        warp = self._warp(camera)
+        return warp.beyond(self._raw_mask(camera, frame)) if warp.source.fisheye else 0.0
+
     def image(self, camera: str, frame: int) -> np.ndarray:
         """(H, W, 3) uint8 RGB, undistorted, scaled, and despilled if the mask source does that (see `Recolors`). The
         caller may modify the array. StudioError as `raw_image`."""

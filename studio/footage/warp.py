@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from v3studio.studio.cameras import Camera
+from v3studio.studio.cameras import Camera, fisheye_distorted
 from v3studio.studio.validation import camera_error
 
 
@@ -64,6 +64,9 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, read: Callable[
     )
 
 
+_STEP = 4  # every fourth row and column is enough
+
+
 class Warp:
     """Undistorts and scales the images of one camera, with lens distortion, of footage of width x height pixels.
 
@@ -92,10 +95,23 @@ class Warp:
         import cv2
 
         source = self.source
+        if source.fisheye:
+            return _fisheye_maps(source)
         first, second = cv2.initUndistortRectifyMap(
             source.cv2_K, source.distortion, None, source.cv2_K, (source.width, source.height), cv2.CV_16SC2
         )
         return first, second
+
+    def beyond(self, mask: np.ndarray) -> float:
+        """The fraction of the pixels of a raw mask, (H, W) uint8, that lie beyond the edge of a fisheye's view."""
+        rows, columns = np.nonzero(mask[::_STEP, ::_STEP] >= 128)
+        if not len(rows):
+            return 0.0
+        view = self.source.undistorted()
+        rays = self.source.normalized(_STEP * np.column_stack([columns, rows]) + 0.5)
+        pixels = rays * [view.fx, view.fy] + view.K[:2, 2]
+        inside = (pixels >= 0).all(1) & (pixels <= [view.width, view.height]).all(1)  # NaN is outside
+        return float(1 - inside.mean())
 
     def apply(self, raw: np.ndarray, maps: tuple[np.ndarray, np.ndarray] | None, smooth: bool) -> np.ndarray:
         """Undistort and scale (H, W, 3) or (H, W) uint8 at the footage's size to the size of `camera`; pixels outside
@@ -113,3 +129,17 @@ class Warp:
         if (image.shape[1], image.shape[0]) != (self.camera.width, self.camera.height):
             image = cv2.resize(image, (self.camera.width, self.camera.height), interpolation=cv2.INTER_AREA)
         return image
+
+
+def _fisheye_maps(source: Camera) -> tuple[np.ndarray, np.ndarray]:
+    import cv2
+
+    view = source.undistorted()
+    maps = np.empty((view.height, view.width, 2), np.float32)
+    x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    for row in range(view.height):  # a whole 4K image takes gigabytes
+        y = (row + 0.5 - view.cy) / view.fy
+        bent = fisheye_distorted(np.column_stack([x, np.full_like(x, y)]), source.distortion)
+        maps[row] = bent @ source.K[:2, :2].T + source.K[:2, 2] - 0.5
+    first, second = cv2.convertMaps(maps[..., 0].copy(), maps[..., 1].copy(), cv2.CV_16SC2)
+    return first, second

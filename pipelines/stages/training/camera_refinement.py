@@ -92,7 +92,7 @@ def _refined(given: Rig, seen: Rig, corrections: dict[str, Correction]) -> Rig:
         if camera.name not in corrections:
             return camera
         small = seen[camera.name]
-        larger = camera.width / small.width
+        larger = camera.undistorted().width / small.width
         moved = corrections[camera.name].of(frame.camera(camera), larger)
         return frame.inverse.camera(moved)
 
@@ -103,7 +103,7 @@ def _changes(given: Rig, rig: Rig, seen: Rig, names: Sequence[str]) -> dict[str,
     changes = {}
     for name in names:
         before, after = given[name], rig[name]
-        smaller = seen[name].width / before.width
+        smaller = seen[name].width / before.undistorted().width
         sine = min(1.0, float(np.linalg.norm(after.rotation - before.rotation)) / 8**0.5)
         moved = np.hypot(after.cx - before.cx, after.cy - before.cy)
         changes[name] = CameraChange(

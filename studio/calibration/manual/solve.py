@@ -6,6 +6,7 @@ known from measurements, the world is metric.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,20 @@ def calibrate_from_tie_points(
             determined (tie_points.degenerate).
     """
     settings, known, focal_lengths = settings or CalibrateSettings(), known or {}, focal_lengths or {}
+    wide = {name: camera for name, camera in known.items() if camera.fisheye and name in sizes}
+    if wide:  # solved by their pinhole views
+        views = {name: camera.undistorted() for name, camera in wide.items()}
+        result = calibrate_from_tie_points(
+            [replace(point, pixels=_in_views(point.pixels, wide, views)) for point in points],
+            {**sizes, **{name: (view.width, view.height) for name, view in views.items()}},
+            known={**known, **views},
+            focal_lengths=focal_lengths,
+            settings=settings,
+            seed=seed,
+            progress=progress,
+        )
+        cameras = (replace(wide.get(own.name, own), world_to_camera=own.world_to_camera) for own in result.rig)
+        return replace(result, rig=Rig(tuple(cameras)))
     refuse_unknown_cameras((settings.known_distance or ())[:2], list(sizes), "calibrate.known_distance")
     observations = _observations(points, sizes)
     free = [name for name in sizes if name not in known]
@@ -100,6 +115,18 @@ def calibrate_from_tie_points(
         known_intrinsics=[name for name in sizes if name in known],
         uncertain={name: round(uncertain[name], 4) for name in sizes},
     )
+
+
+def _in_views(
+    pixels: Mapping[str, tuple[float, float]], wide: Mapping[str, Camera], views: Mapping[str, Camera]
+) -> dict[str, tuple[float, float]]:
+    """The marks of a point, where those of fisheyes are in their pinhole views."""
+    moved = dict(pixels)
+    for name in wide.keys() & pixels.keys():
+        ray = wide[name].normalized(np.array([pixels[name]]))[0]
+        x, y = (ray * views[name].K[[0, 1], [0, 1]] + views[name].K[:2, 2]).tolist()
+        moved[name] = (x, y)
+    return moved
 
 
 def _best(attempts: Iterable[TieRig], count: int) -> TieRig | None:

@@ -203,6 +203,27 @@ def _verification(job: SfmJob, fewest: int | None = None) -> Any:
     return options
 
 
+def verify(path: Path, job: SfmJob) -> None:
+    """Verify the matches of each sync frame again, with the lenses of a job, in place."""
+    import pycolmap
+
+    with pycolmap.Database.open(path) as database:
+        for number, own in enumerate(job.intrinsics, 1):
+            camera = pycolmap.Camera(model=own.model, width=own.width, height=own.height, params=own.params)
+            camera.camera_id, camera.has_prior_focal_length = number, own.prior
+            database.update_camera(camera)
+        database.clear_two_view_geometries()
+    _verify(path, job)
+
+
+def _verify(path: Path, job: SfmJob) -> None:
+    import pycolmap
+
+    verifier = pycolmap.GeometricVerifierOptions()
+    verifier.num_threads = job.threads
+    pycolmap.geometric_verification(path, verifier_options=verifier, two_view_geometry_options=_verification(job))
+
+
 def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
     """One image per camera: its keypoints of all sync frames concatenated, with the matches renumbered."""
     import pycolmap
@@ -230,6 +251,4 @@ def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
                 together.setdefault(pair, []).append(inliers + np.array([starts[first], starts[second]]))
         for (first, second), matches in sorted(together.items()):
             target.write_matches(first, second, np.concatenate(matches).astype(np.uint32))
-    verifier = pycolmap.GeometricVerifierOptions()
-    verifier.num_threads = job.threads
-    pycolmap.geometric_verification(final, verifier_options=verifier, two_view_geometry_options=_verification(job))
+    _verify(final, job)

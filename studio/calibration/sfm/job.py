@@ -1,14 +1,16 @@
 """Structure from motion: settings, and the models of the worker process's job and solution files."""
 
+from __future__ import annotations
+
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from v3studio.studio.calibration.initial_intrinsics import initial_camera
 from v3studio.studio.calibration.report import SolutionReport
-from v3studio.studio.calibration.settings import CalibrateSettings
+from v3studio.studio.calibration.settings import USUAL_MODEL, CalibrateSettings
 from v3studio.studio.camera_files.colmap_model import camera_model, model_parameters
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.json_types import JsonObject
@@ -17,7 +19,9 @@ MAX_FEATURES = 8192  # per image
 _NEAREST, _WIDEST = 10, 80.0  # cameras with which each is matched if poses are known; degrees between their views
 _FOCAL_FACTOR = 1.2  # initial focal length where none is known, as a multiple of the longer side
 _SIMPLER = dict.fromkeys(("RADIAL", "OPENCV", "FULL_OPENCV"), "SIMPLE_RADIAL")
+_SIMPLER["OPENCV_FISHEYE"] = "SIMPLE_RADIAL_FISHEYE"
 """Camera models used during mapping; the remaining terms are estimated afterwards."""
+_FISHEYE_FACTOR = 0.5  # initial focal length of a fisheye, as a multiple of the longer side
 
 
 class _Model(BaseModel):
@@ -55,6 +59,21 @@ class SfmJob(_Model):
     seed: int = 0
     threads: int = 1
     find_shared: bool = False  # whether to test if cameras share intrinsics
+    find_wide: bool = False  # whether to test if unknown lenses are fisheyes
+
+    def with_fisheyes(self, lenses: Collection[int]) -> SfmJob:
+        """The job in which the intrinsics with these indices are those of fisheyes."""
+        wide = list(self.intrinsics)
+        for index in lenses:
+            width, height = wide[index].width, wide[index].height
+            update: JsonObject = {
+                "model": _SIMPLER["OPENCV_FISHEYE"],
+                "params": (_FISHEYE_FACTOR * max(width, height), width / 2, height / 2, 0.0),
+                "prior": True,
+                "becomes": "OPENCV_FISHEYE",
+            }
+            wide[index] = wide[index].model_copy(update=update)
+        return self.model_copy(update={"intrinsics": tuple(wide)})
 
 
 class SfmSolution(_Model):
@@ -94,7 +113,9 @@ def sfm_job(
     for name in names:
         width, height = sizes[name]
         key = (groups.get(name, -1), width, height)
-        start = initial_camera(name, sizes[name], known, focal_lengths, _FOCAL_FACTOR)
+        wanted = settings.camera_model or USUAL_MODEL
+        factor = _FISHEYE_FACTOR if wanted == "OPENCV_FISHEYE" else _FOCAL_FACTOR
+        start = initial_camera(name, sizes[name], known, focal_lengths, factor)
         if name in known:
             model, parameters = camera_model(start)
             own = SfmCamera(
@@ -112,14 +133,14 @@ def sfm_job(
                 continue
             shared[key] = len(intrinsics)
             # distortion terms that the first few matches do not determine would distort the poses during mapping
-            model = _SIMPLER.get(settings.camera_model, settings.camera_model)
+            model = _SIMPLER.get(wanted, wanted)
             own = SfmCamera(
                 model=model,
                 width=width,
                 height=height,
                 params=tuple(model_parameters(start, model)),
-                prior=name in focal_lengths,
-                becomes=settings.camera_model,
+                prior=name in focal_lengths or wanted == "OPENCV_FISHEYE",  # estimates before mapping are for pinholes
+                becomes=wanted,
             )
         intrinsics_of.append(len(intrinsics))
         intrinsics.append(own)
@@ -136,6 +157,7 @@ def sfm_job(
         seed=seed,
         threads=threads or os.cpu_count() or 1,
         find_shared=settings.shared_intrinsics is None and not settings.intrinsics_groups,
+        find_wide=settings.camera_model is None and poses is None,
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from v3studio.studio.calibration.sfm.verdict import noise, reprojection_errors
-from v3studio.studio.camera_files.colmap_model import intrinsics
+from v3studio.studio.camera_files.colmap_model import Intrinsics, intrinsics
 
 LIMIT = 8.0
 """Increase of the misfit per parameter removed, by sharing or by principal points in the middle of the images, below
@@ -176,11 +176,11 @@ def stretched_keypoints(database: Path, ratio: float) -> None:
             rows.execute("UPDATE keypoints SET data = ? WHERE image_id = ?", (keypoints.tobytes(), image))
 
 
-def in_given_pixels(camera: Any, ratio: float) -> tuple[np.ndarray, np.ndarray]:
-    """K (3, 3) and distortion of a camera of a `stretched` model for the original pixels."""
-    K, distortion = intrinsics(camera.model.name, list(camera.params))
-    K[:2] /= square_pixels(ratio)[:, None]
-    return K, distortion if distortion.any() else np.zeros(0)
+def in_given_pixels(camera: Any, ratio: float) -> Intrinsics:
+    """The lens of a camera of a `stretched` model for the original pixels."""
+    lens = intrinsics(camera.model.name, list(camera.params))
+    lens["K"][:2] /= square_pixels(ratio)[:, None]
+    return lens
 
 
 def square_pixels(ratio: float) -> np.ndarray:

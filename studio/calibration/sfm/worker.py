@@ -18,6 +18,7 @@ import numpy as np
 
 from v3studio.studio.calibration.report import SharedIntrinsicsReport, SolutionReport
 from v3studio.studio.calibration.sfm.features import find_matches, say
+from v3studio.studio.calibration.sfm.fisheyes import asks_for_fisheyes, with_fisheyes
 from v3studio.studio.calibration.sfm.job import SfmJob, SfmSolution
 from v3studio.studio.calibration.sfm.mapping import Mapper
 from v3studio.studio.calibration.sfm.shared_intrinsics import LIMIT, in_given_pixels, square_pixels
@@ -45,6 +46,9 @@ def solve(folder: Path, database_path: Path, job: SfmJob) -> None:
 
     mapper = Mapper(folder, database_path, job)
     model, how = mapper.solve()
+    if job.find_wide and asks_for_fisheyes(mapper, model):
+        mapper, model, how = with_fisheyes(mapper, model, how)
+        database_path, job = mapper.database, mapper.job
     names = job.names
     matches, partners = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
     with pycolmap.Database.open(database_path) as database:
@@ -65,9 +69,9 @@ def solve(folder: Path, database_path: Path, job: SfmJob) -> None:
             if not image.has_pose:
                 continue
             number, camera = int(Path(image.name).stem), model.cameras[image.camera_id]
-            K, distortion = in_given_pixels(camera, mapper.aspect)
             pose = np.asarray(image.cam_from_world().matrix())
-            cameras.append(Camera(names[number], camera.width, camera.height, K, pose, distortion).to_dict())
+            lens = in_given_pixels(camera, mapper.aspect)
+            cameras.append(Camera(names[number], camera.width, camera.height, world_to_camera=pose, **lens).to_dict())
             for point in image.points2D:
                 if point.has_point3D():
                     x, y = point.xy / factors

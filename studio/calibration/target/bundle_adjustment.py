@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from v3studio.studio.calibration.settings import USUAL_MODEL
 from v3studio.studio.calibration.target.pattern import TargetObservation
 from v3studio.studio.camera_files.colmap_model import intrinsics, model_parameters
 from v3studio.studio.cameras import Camera
@@ -59,7 +60,7 @@ def best_pose(
     return candidates[int(np.argmin(costs))]
 
 
-def refine(state: TargetRig, model: str, *, principal_point: bool, threads: int) -> TargetRig:
+def refine(state: TargetRig, model: str | None, *, principal_point: bool, threads: int) -> TargetRig:
     """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss.
     `threads`: 0 = all cores."""
     import pycolmap
@@ -71,9 +72,10 @@ def refine(state: TargetRig, model: str, *, principal_point: bool, threads: int)
     reference = state.cameras[names[0]].world_to_camera
     for number, name in enumerate(names, 1):
         camera = state.cameras[name]
-        parameters = model_parameters(camera, model)
+        own = "OPENCV_FISHEYE" if camera.fisheye else model or USUAL_MODEL
+        parameters = model_parameters(camera, own)
         sensor = pycolmap.Camera(
-            camera_id=number, model=model, width=camera.width, height=camera.height, params=parameters
+            camera_id=number, model=own, width=camera.width, height=camera.height, params=parameters
         )
         world.add_camera(sensor)
         if number == 1:
@@ -128,13 +130,11 @@ def _read(world: Any, state: TargetRig, names: list[str], reference: np.ndarray)
     rig = world.rigs[1]
     for number, name in enumerate(names, 1):
         sensor = world.cameras[number]
-        K, distortion = intrinsics(sensor.model.name, list(sensor.params))
         pose = reference
         if number > 1:
             pose = np.vstack([rig.sensor_from_rig(sensor.sensor_id).matrix(), [0, 0, 0, 1]]) @ reference
-        cameras[name] = replace(
-            state.cameras[name], K=K, distortion=distortion if distortion.any() else np.zeros(0), world_to_camera=pose
-        )
+        lens = intrinsics(sensor.model.name, list(sensor.params))
+        cameras[name] = replace(state.cameras[name], world_to_camera=pose, **lens)
     back = np.linalg.inv(reference)
     target_poses = {
         sync_frame: back @ np.vstack([world.frames[order].rig_from_world.matrix(), [0, 0, 0, 1]])

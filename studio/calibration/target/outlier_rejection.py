@@ -14,7 +14,7 @@ _OUTLIER = 4.0
 mean that the target moved and the cameras are not exactly synchronized."""
 
 
-def refine_without_outliers(state: TargetRig, model: str, *, principal_point: bool, threads: int) -> TargetRig:
+def refine_without_outliers(state: TargetRig, model: str | None, *, principal_point: bool, threads: int) -> TargetRig:
     """Alternate bundle adjustment and outlier rejection.
 
     A camera that is not exactly synchronized sees a moving target at a different position, so its whole observation is

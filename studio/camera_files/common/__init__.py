@@ -163,11 +163,15 @@ def wrong_shape(key: str, camera: str, actual: tuple[int, ...], expected: tuple[
     )
 
 
-def check_expressible(camera: Camera, form: str, terms: int) -> None:
-    """StudioError (camera_file.not_expressible) if a camera has skew, or distortion beyond OpenCV's first `terms`."""
+def check_expressible(camera: Camera, form: str, terms: int, fisheye: bool = False) -> None:
+    """StudioError (camera_file.not_expressible) if a camera has skew, distortion beyond the first `terms`, or a fisheye
+    lens where `fisheye` is not set."""
     skew, count = float(camera.K[0, 1]), camera.distortion.size
+    value: float | str
     if abs(skew) > 1e-9:
         value, problem, way = skew, f"{form} cannot express skew ({skew:g})", "Calibrate without skew"
+    elif camera.fisheye and not fisheye:
+        value, problem, way = "fisheye", f"{form} cannot express a fisheye lens", "Undistort the images first"
     elif np.any(camera.distortion[terms:]):
         value, way = count, "Undistort the images first"
         problem = f"{form} can express {terms or 'no'} terms of OpenCV's lens distortion, but this camera has {count}"
@@ -176,12 +180,6 @@ def check_expressible(camera: Camera, form: str, terms: int) -> None:
     raise camera_error(
         "camera_file.not_expressible", camera.name, problem, value=value, fix=f"{way}, or write rig.json."
     )
-
-
-def fisheye(camera: str) -> StudioError:
-    """The error for a fisheye lens (camera.lens_model)."""
-    fix = "Undistort the images to a pinhole camera first."
-    return camera_error("camera.lens_model", camera, "fisheye lenses are not supported", value="fisheye", fix=fix)
 
 
 def camera_names(paths: Sequence[str]) -> list[str]:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from v3studio.studio.camera_files.common import check_pose, fisheye, no_cameras, rigid_inverse, wrong_shape
+from v3studio.studio.camera_files.common import check_pose, no_cameras, rigid_inverse, wrong_shape
 from v3studio.studio.camera_files.common.nearby import size_nearby
-from v3studio.studio.cameras import Camera, Rig, duplicate_name
+from v3studio.studio.cameras import THIN_PRISM, Camera, Rig, duplicate_name
 from v3studio.studio.counts import cameras_listed, listed
 from v3studio.studio.errors import StudioError
 from v3studio.studio.validation import array, camera_error, check_finite, missing_key, number, whole
@@ -41,10 +41,12 @@ KEYS = {
     "size": ("imagesize", "imgsize", "size", "resolution"),
     "type": ("type", "cameratype", "lens"),
     "model": ("cameramodel", "model", "distortionmodel", "distortiontype", "lensmodel", "projection"),
-    "fisheye": ("fisheye", "isfisheye", "fisheyelens", "rdist"),
+    "fisheye": ("fisheye", "isfisheye", "fisheyelens", "fisheyemodel", "rdist"),
 }  # fmt: skip
 """Canonical key to the spellings in lower case without `_`, `-` and spaces; the first one found wins."""
 TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # OpenCV's order; a camera may have them as separate keys
+_FISHEYE_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2", "sx1", "sy1")  # in the order of a `Camera`
+_ALL_TERMS = (*TERMS, "sx1", "sy1")
 HARMLESS = frozenset({
     "name", "camera", "cameraname", "camid", "cameraid", "id", "index", "port", "serial", "serialnumber", "label",
     "comment", "description", "fps", "framerate", "frame", "frames", "nframes", "nrofframes", "framecount", "time",
@@ -67,6 +69,8 @@ MODELS = frozenset({
     "plumbbob", "radtan", "radial", "simpleradial", "rational", "rationalpolynomial", "thinprism", "tilted", "none",
 })  # fmt: skip
 """Lens models whose coefficients are OpenCV's, in its order."""
+FISHEYE_MODELS = frozenset({"fisheye", "opencvfisheye", "equidistant", "kannalabrandt", "thinprismfisheye"})
+"""Lens models whose coefficients are those of OpenCV's fisheye, or of COLMAP's THIN_PRISM_FISHEYE."""
 
 
 _RENAME = (
@@ -183,20 +187,20 @@ def pose_of(entry: Mapping[str, Any], rotation: str, translation: str, camera: s
 def keyed_camera(folder: Path, name: str, entry: Mapping[str, Any], form: KeyedForm, notes: FileNotes) -> Camera | None:
     """The camera that `entry` describes, as in `keyed_rig`; None if it has no pose."""
     given = _known(name, entry, form, notes)
-    _check_model(name, given)
+    fisheye = _is_fisheye(name, given)
     pose = _pose(name, given, form.unit)
     if pose is None:
         return None
-    distortion = _distortion(name, given)
+    distortion = _distortion(name, given, fisheye)
     # read before the size, for which footage may be missing, so that an error names a wrong key
     matrices = [(key, value[:3, :3]) for key, value in _arrays(name, given, "K", ((3, 3), (3, 4), (4, 4)))]
     width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(folder, name, name))
     K = _K(name, given, matrices, (width, height), form.centered)
     if not form.corner:
         K[:2, 2] += 0.5
-    (notes.straight if distortion is None else notes.bent).append(name)
+    (notes.bent if distortion is not None or fisheye else notes.straight).append(name)
     coefficients = np.zeros(0) if distortion is None or not distortion.any() else distortion
-    return Camera(name, width, height, K, pose, coefficients)
+    return Camera(name, width, height, K, pose, coefficients, fisheye)
 
 
 _Given = dict[str, list[tuple[str, Any]]]
@@ -211,7 +215,7 @@ def _known(name: str, entry: Mapping[str, Any], form: KeyedForm, notes: FileNote
         if not _is_empty(value) or spelling in KEYS["distortion"]:  # an empty list says that there is none
             by_spelling[spelling].append(key)
     given: _Given = {}
-    for canonical, spellings in [*KEYS.items(), *((term, (term,)) for term in TERMS)]:
+    for canonical, spellings in [*KEYS.items(), *((term, (term,)) for term in _ALL_TERMS)]:
         own = [(key, entry[key]) for spelling in spellings for key in by_spelling.pop(spelling, ())]
         if own:
             given[canonical] = own
@@ -222,7 +226,7 @@ def _known(name: str, entry: Mapping[str, Any], form: KeyedForm, notes: FileNote
 
 
 _NEEDED: tuple[tuple[str, tuple[set[str], ...]], ...] = (
-    ("lens distortion", ({"distortion"}, *({term} for term in TERMS))),
+    ("lens distortion", ({"distortion"}, *({term} for term in _ALL_TERMS))),
     ("intrinsic matrix", ({"K"}, {"fx", "fy", "cx", "cy"})),
     ("pose", ({"rotation", "translation"}, {"world_to_camera"}, {"camera_to_world"})),
     ("image size", ({"size"}, {"width", "height"})),
@@ -243,20 +247,24 @@ def _is_empty(value: Any) -> bool:
     return value is None or (isinstance(value, str) and value in ("", "null")) or value in ([], {}, [[]])
 
 
-def _check_model(name: str, given: _Given) -> None:
-    """Check the name of the lens model against `MODELS`. Raises StudioError (camera.lens_model)."""
+def _is_fisheye(name: str, given: _Given) -> bool:
+    """Tell whether the lens is a fisheye. Raises StudioError (camera.lens_model) for a model that is not known."""
+    fisheye = False
+    fix = "Undistort the images to a pinhole camera first."
     for key, value in given.get("fisheye", ()):
-        if value in (False, 0, "false", "False"):
-            continue
-        if not isinstance(value, list) or np.any(array(value, key, name)):  # EasyVolcap's coefficients may be 0
-            raise fisheye(name)
+        if isinstance(value, list) and np.any(array(value, key, name)):  # EasyVolcap's, which may be 0
+            problem = f"the lens model of '{key}' is not known"
+            raise camera_error("camera.lens_model", name, problem, value=value, fix=fix, key=key)
+        fisheye |= not isinstance(value, list) and value not in (False, 0, "false", "False")
     models = given.get("model", [])
     models += [pair for pair in given.get("type", ()) if _NOT_PINHOLE.search(normal_key(str(pair[1])))]
     for key, model in models:
-        if normal_key(str(model)) not in MODELS:
-            problem = f"'{key}' is {model!r}; only pinhole cameras with OpenCV's distortion are supported"
-            fix = "Undistort the images to a pinhole camera first."
+        if normal_key(str(model)) in FISHEYE_MODELS:
+            fisheye = True
+        elif normal_key(str(model)) not in MODELS:
+            problem = f"'{key}' is {model!r}; only pinhole and fisheye cameras with OpenCV's distortion are supported"
             raise camera_error("camera.lens_model", name, problem, value=model, fix=fix, key=key)
+    return fisheye
 
 
 def agreeing(name: str, parsed: Sequence[tuple[str, np.ndarray]]) -> np.ndarray:
@@ -331,14 +339,20 @@ def _agreeing_scalar(name: str, parsed: Sequence[tuple[str, float]]) -> float:
     return float(agreeing(name, [(key, np.array([value])) for key, value in parsed])[0])
 
 
-def _distortion(name: str, given: _Given) -> np.ndarray | None:
-    """OpenCV's coefficients; None without a key for them."""
+def _distortion(name: str, given: _Given, fisheye: bool) -> np.ndarray | None:
+    """The coefficients of a `Camera`; None without a key for them."""
     lists = [(key, value.ravel()) for key, value in _arrays(name, given, "distortion")]
-    if any(term in given for term in TERMS):
-        terms = np.array([_agreeing_scalar(name, _scalars(name, given, term) or [("", 0.0)]) for term in TERMS])
-        count = 8 if terms[5:].any() else 5 if terms[4] else 4
-        lists.append((next(term for term in TERMS if term in given), terms[:count]))
-    return agreeing(name, lists) if lists else None
+    if "thinprismfisheye" in {normal_key(str(model)) for _, model in given.get("model", ())}:
+        lists = [(key, value[THIN_PRISM] if value.size == 8 else value) for key, value in lists]
+    order = _FISHEYE_TERMS if fisheye else TERMS
+    if any(term in given for term in order):
+        terms = np.array([_agreeing_scalar(name, _scalars(name, given, term) or [("", 0.0)]) for term in order])
+        count = 8 if terms[5:].any() or (fisheye and terms[4]) else 5 if terms[4] else 4
+        lists.append((next(term for term in order if term in given), terms[:count]))
+    distortion = agreeing(name, lists) if lists else None
+    if fisheye and distortion is not None and 4 < len(distortion) < 8:  # with p1 and p2, or zeros
+        return np.pad(distortion, (0, 8 - len(distortion))) if distortion[4:].any() else distortion[:4]
+    return distortion
 
 
 def _pose(name: str, given: _Given, unit: float) -> np.ndarray | None:

@@ -49,6 +49,10 @@ def test_colmap_reads_what_we_write(tmp_path: Path) -> None:
         ("RADIAL", [500, 320, 180, -0.1, 0.05]),
         ("OPENCV", [500, 510, 320, 180, -0.1, 0.05, 0.002, -0.003]),
         ("FULL_OPENCV", [500, 510, 320, 180, -0.1, 0.05, 0.002, -0.003, 0.01, 0.02, -0.01, 0.005]),
+        ("OPENCV_FISHEYE", [300, 310, 320, 180, 0.03, -0.01, 0.002, 0.001]),
+        ("SIMPLE_RADIAL_FISHEYE", [300, 320, 180, 0.03]),
+        ("RADIAL_FISHEYE", [300, 320, 180, 0.03, -0.01]),
+        ("THIN_PRISM_FISHEYE", [300, 310, 320, 180, 0.03, -0.01, 0.002, 0.001, 0.004, 0.003, -0.002, 0.001]),
     ],
 )
 def test_every_colmap_camera_model_distorts_as_colmap_does(tmp_path: Path, model: str, parameters: list[float]) -> None:

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ from hypothesis import strategies as st
 
 from tests.support.errors import refuses
 from tests.support.rigs import on_circle, pose
-from v3studio.studio.camera_files import read_rig
-from v3studio.studio.cameras import Rig
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonObject
 
@@ -188,8 +189,7 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
     ("form", "code", "changes"),
     [
         ("cameras.json", "camera.lens_model",
-         [{"model": "equirectangular"}, {"camera_model": "OPENCV_FISHEYE"}, {"distortion_model": "equidistant"},
-          {"type": "fisheye"}, {"fisheye": True}, {"rdist": [0.1, 0.0, 0.0, 0.0]}]),
+         [{"model": "equirectangular"}, {"type": "omnidirectional"}, {"rdist": [0.1, 0.0, 0.0, 0.0]}]),
         ("cameras.json", "camera.unknown_key",
          [{"xi": 1.2}, {"fisheye_coefficients": [0.1, 0, 0, 0]}, {"pose": [[1.0, 0, 0, 0]]}]),
         ("cameras.json", "camera.conflict",
@@ -200,7 +200,7 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
         ("transforms", "camera.focal_length_unit", [{"fl_x": 35.0, "fl_y": 35.0}]),  # millimeters
         ("transforms", "camera.lens_model",
          [{"camera_model": "EQUIRECTANGULAR"}, {"camera_model": "FISHEYE624"}, {"camera_model": "ORTHOPHOTO"},
-          {"is_fisheye": True}, {"k4": 0.1}]),
+          {"k4": 0.1}]),
         ("transforms", "camera.unknown_key", [{"lens_shift": 3}]),
         ("transforms", "camera.conflict", [{"dist": [0.1, 0, 0, 0]}]),
     ],
@@ -338,7 +338,7 @@ def test_mc_calib(tmp_path: Path) -> None:
     rig = read_rig(path)
     assert_projects(rig, BEND, corner=False, names=("camera_0", "camera_1", "camera_2"))
     assert any("'camera_3'" in note for note in rig.notes)
-    path.write_text(path.read_text().replace("distortion_type: 0", "distortion_type: 1"))
+    path.write_text(path.read_text().replace("distortion_type: 0", "distortion_type: 2"))
     with refuses("camera.lens_model", camera="camera_0"):
         read_rig(path)
 
@@ -397,3 +397,81 @@ def test_keys_beside_the_cameras(tmp_path: Path, key: str, value: str, taken: bo
     else:
         with refuses("camera.unknown_key", file=path, key=key):
             read_rig(path)
+
+
+BOW = [0.03, -0.008, 0.001, 0.002]
+BOWS = dict(zip(("k1", "k2", "k3", "k4"), BOW, strict=True))
+
+
+def assert_bows(rig: Rig, corner: bool) -> None:
+    """The rig's cameras are fisheyes that project as OpenCV's `fisheye` does."""
+    for camera, world in zip(rig, POSES, strict=True):
+        vector = cv2.Rodrigues(world[:3, :3])[0]
+        expected, _ = cv2.fisheye.projectPoints(POINTS[:, None], vector, world[:3, 3], np.array(K), np.array(BOW))
+        np.testing.assert_allclose(
+            camera.project(POINTS)[0], expected.reshape(-1, 2) + (0 if corner else 0.5), atol=1e-5
+        )
+
+
+@pytest.mark.parametrize(
+    ("form", "told"),
+    [
+        ("cameras.json", {"model": "fisheye", "dist": BOW}),
+        ("cameras.json", {"camera_model": "OPENCV_FISHEYE", **BOWS}),
+        ("cameras.json", {"distortion_model": "equidistant", "dist": [[value] for value in BOW]}),
+        ("toml", {"fisheye": True, "distortions": BOW}),
+        ("opencv", {"fisheye_model": 1, "distortion_coefficients": [BOW]}),
+    ],
+)  # fmt: skip
+def test_fisheyes_project_as_in_opencv(tmp_path: Path, form: str, told: JsonObject) -> None:
+    make, corner = FORMS[form][0], FORMS[form][1]
+    assert_bows(
+        read_rig(make(tmp_path, lambda values: {k: v for k, v in values.items() if k != "dist"} | told)), corner
+    )
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"camera_model": "OPENCV_FISHEYE", **BOWS},
+        {"is_fisheye": True, **BOWS},
+        {"camera_model": "THIN_PRISM_FISHEYE", **BOWS, "sx1": 0.0},
+        {"camera_model": "OPENCV_FISHEYE", "distortion_params": [*BOW, 0, 0]},
+    ],
+)
+def test_fisheyes_of_nerfstudio(tmp_path: Path, told: JsonObject) -> None:
+    path = transforms(
+        tmp_path, lambda values: {k: v for k, v in values.items() if k not in ("k1", "k2", "k3", "p1", "p2")} | told
+    )
+    assert_bows(read_rig(path), corner=True)
+
+
+def test_kalibr(tmp_path: Path) -> None:
+    text = ""
+    for index, world in enumerate(POSES):
+        text += f"cam{index}:\n  cam_overlaps: [1]\n  camera_model: pinhole\n  distortion_model: equidistant\n"
+        text += f"  distortion_coeffs: {BOW}\n  intrinsics: [700.0, 710.0, 320.0, 180.0]\n  resolution: [640, 360]\n"
+        text += f"  rostopic: /cam{index}/image_raw\n"
+        if index:
+            text += f"  T_cn_cnm1: {(world @ np.linalg.inv(POSES[index - 1])).tolist()}\n"
+    path = tmp_path / "camchain-rig.yaml"
+    path.write_text(text)
+    rig = read_rig(path)
+    moved = [replace(camera, world_to_camera=camera.world_to_camera @ POSES[0]) for camera in rig]
+    assert_bows(Rig(tuple(moved)), corner=False)
+    path.write_text(text.replace("pinhole", "omni"))
+    with refuses("camera.lens_model", camera="cam0"):
+        read_rig(path)
+
+
+@pytest.mark.parametrize("name", ["rig.json", "transforms.json", "Calib.toml", "model"])
+def test_fisheyes_are_read_as_written(tmp_path: Path, name: str) -> None:
+    rig = Rig(
+        tuple(Camera(n, 640, 360, np.array(K), w, np.array(BOW), True) for n, w in zip(NAMES, POSES, strict=True))
+    )
+    write_rig(rig, tmp_path / name)
+    assert_bows(read_rig(tmp_path / name), corner=True)
+    mixed = Rig((*rig.cameras[:2], replace(rig.cameras[2], distortion=np.zeros(0), fisheye=False)))
+    if name == "transforms.json":
+        with refuses("camera_file.not_expressible", value="fisheye"):
+            write_rig(mixed, tmp_path / name)

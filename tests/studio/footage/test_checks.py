@@ -38,3 +38,12 @@ def test_the_change_is_told_with_its_frames(gain: tuple[float, float, float], sa
     assert message.fields["frames"] == (14, 15, 20)
     assert message.fields["change"] == pytest.approx(change, abs=0.01)
     assert said in str(message)
+
+
+def test_a_performer_beyond_the_view_is_told() -> None:
+    drift = ColorDrift()
+    for frame, beyond in ((3, 0.0), (4, 0.2), (5, 0.05)):
+        drift.see("cam1", frame, np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), np.uint8), beyond)
+    (message,) = drift.messages()
+    assert (message.code, message.value) == ("mask.beyond_view", 0.2)
+    assert message.fields == {"camera": "cam1", "frames": (4, 5)}

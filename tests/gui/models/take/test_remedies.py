@@ -28,6 +28,7 @@ OTHERS = {
 NO_SETTING = {
     "bake.live_failed",  # retried automatically
     "files.no_locks",  # of a file system
+    "mask.beyond_view",  # turn the camera, or leave it out
     "calibration.low_coverage",  # film the board, or the set, in more of the image
     "calibration.poor_cameras",  # they moved, or are out of focus
     "cluster.busy",  # other programs have its nodes

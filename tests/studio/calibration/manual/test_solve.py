@@ -277,3 +277,16 @@ def test_a_click_falls_on_the_corner_or_dot(kind: str, within: float) -> None:
         image = drawn(kind, center, angle)
         for off in ((2, 1), (-1.5, 2), (0, -2)):
             assert np.linalg.norm(np.array(snap(image, *(center + off))) - center) < within
+
+
+def test_known_fisheyes_beside_others() -> None:
+    """Marks in fisheyes are solved in their pinhole views."""
+    rig = ring(5, k1=0.0)
+    wide = {"distortion": np.array([0.02, -0.01, 0.003, 0.0]), "fisheye": True}
+    rig = Rig(tuple(replace(camera, **wide) if camera.name in ("00", "02") else camera for camera in rig))
+    result = calibrate_from_tie_points(
+        marked(rig, 25), dict.fromkeys(rig.names, (WIDTH, HEIGHT)), known={camera.name: camera for camera in rig}
+    )
+    assert [camera.fisheye for camera in result.rig] == [True, False, True, False, False]
+    assert compare_rigs(result.rig, rig).center_percent < 0.5
+    np.testing.assert_array_equal(result.rig["00"].K, rig["00"].K)

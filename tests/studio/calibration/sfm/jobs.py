@@ -25,6 +25,6 @@ def rig_of(model: Any) -> Rig:
     for key in sorted(model.images):
         image = model.images[key]
         own = model.cameras[image.camera_id]
-        K, distortion = intrinsics(own.model.name, list(own.params))
-        cameras.append(Camera(str(key - 1), own.width, own.height, K, image.cam_from_world().matrix(), distortion))
+        lens, pose = intrinsics(own.model.name, list(own.params)), image.cam_from_world().matrix()
+        cameras.append(Camera(str(key - 1), own.width, own.height, world_to_camera=pose, **lens))
     return Rig(tuple(cameras))

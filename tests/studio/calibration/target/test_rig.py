@@ -58,12 +58,21 @@ def rig_of(count: int) -> Rig:
     return Rig(tuple(cameras))
 
 
-def filmed(rig: Rig, target: CalibrationTarget, sync_frames: int, noise: float, seed: int = 0) -> tuple[dict, dict]:
+def filmed(
+    rig: Rig,
+    target: CalibrationTarget,
+    sync_frames: int,
+    noise: float,
+    seed: int = 0,
+    reach: tuple[float, ...] = (1, 1, 1),
+) -> tuple[dict, dict]:
     """Observations of a moving board, and its true poses."""
     rng = np.random.default_rng(seed)
     views, target_poses = {}, {}
     for sync_frame in range(sync_frames):
-        target_pose = turned(*rng.uniform(-0.6, 0.6, 3), rng.uniform([-0.3, -0.2, -0.2], [0.3, 0.3, 0.2]), target)
+        target_pose = turned(
+            *rng.uniform(-0.6, 0.6, 3), np.array(reach) * rng.uniform([-0.3, -0.2, -0.2], [0.3, 0.3, 0.2]), target
+        )
         target_poses[sync_frame] = target_pose
         world = target.corners @ target_pose[:3, :3].T + target_pose[:3, 3]
         for camera in rig:
@@ -287,3 +296,18 @@ def test_bad_input(tmp_path: Path) -> None:
     few = {key: view for key, view in views.items() if key[0] < 2}
     with refuses("target.too_few_views", value=2, camera="cam0", expected=3):
         calibrate_from_target(CHARUCO, few, sizes)
+
+
+def test_fisheyes_are_recognized_by_their_error() -> None:
+    """Of lenses that differ, that one is a fisheye that a fisheye fits much better."""
+    usual, wide = rig_of(2)
+    K, bent = np.array([[250.0, 0, 320.0], [0, 250.0, 240.0], [0, 0, 1]]), np.array([0.02, -0.01, 0.003, -0.001])
+    rig = Rig((usual, replace(wide, K=K, distortion=bent, fisheye=True)))
+    views, _ = filmed(rig, CHESS, 24, 0.1, reach=(5, 1, 3))
+    result = calibrate_from_target(CHESS, views, dict.fromkeys(rig.names, SIZE), threads=1)
+    assert [camera.fisheye for camera in result.rig] == [False, True]
+    solved, true = (own[wide.name].rotation @ own[usual.name].rotation.T for own in (result.rig, rig))
+    assert np.degrees(np.linalg.norm(cv2.Rodrigues(solved @ true.T)[0])) < 1
+    pixels = np.concatenate([view.pixels for (_, camera), view in views.items() if camera == wide.name])
+    off = result.rig[wide.name].normalized(pixels) - rig[wide.name].normalized(pixels)
+    assert np.median(np.abs(off)) * 250 < 1
