@@ -4,7 +4,7 @@ import colorsys
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator, model_validator
 
@@ -14,9 +14,8 @@ from v3studio.studio.settings import Affects, Color, Conflict, Empty, Heading, N
 from v3studio.studio.storage import StoreAddress, is_address
 from v3studio.studio.storage.address import CREDENTIALS, CREDENTIALS_FIX, has_credentials
 
-MaskKind = Literal[
-    "auto", "none", "alpha", "files", "clean_plate", "agreed", "median_background", "chroma_key", "plain", "model"
-]
+MaskKind = Literal["auto", "none", "alpha", "files", "clean_plate", "plain", "chroma_key", "median_background", "model"]
+EvidenceKind = Literal["alpha", "files", "clean_plate", "plain", "chroma_key", "median_background", "model"]
 ImportPath = Annotated[str, Field(pattern=r"^[\w.]+:\w+$")]
 """MODULE:NAME of a source of masks; see `studio.masks.imported`."""
 
@@ -25,6 +24,7 @@ CameraName = Annotated[str, Field(coerce_numbers_to_str=True)]  # in Python, 8 i
 SizeRule = Literal["auto", "stretch", "crop", "letterbox"]
 
 ModelKind = Literal["u2net", "birefnet", "isnet", "modnet", "selfie", "plain"]
+ModelName = Literal["selfie", "isnet"]  # of models in the table `studio.masks.models`; also their kinds
 
 _DEFAULT = Affects("calibration_masks", "training_views", "evaluation")
 _PIXELS = Affects("cameras_from_images", "cameras_from_target", "cameras_from_points", *_DEFAULT.results)
@@ -73,8 +73,8 @@ class FileSettings(Settings):
             return check(import_path(value) if hasattr(value, "mask") else value)
         except ValidationError:  # one message instead of one per alternative type
             raise Conflict(
-                f"must be one of {', '.join(get_args(MaskKind))}, MODULE:NAME of a source of your own, or such a "
-                "source that is a global variable of a module's file"
+                f"must be one of {', '.join(get_args(MaskKind))}, MODULE:NAME of a source of your own, such a source "
+                "that is a global variable of a module's file, or a list of several (but auto and none)"
             ) from None
 
     @field_validator("root", mode="after")
@@ -110,15 +110,17 @@ class FileSettings(Settings):
     """Seconds from the first frame of the footage to the beginning of the sound (capture.frames does not change it).
     Positive: the sound starts later; negative: its beginning is cut off."""
 
-    masks: Annotated[MaskKind | ImportPath, Heading("Masks")] = "auto"
+    masks: Annotated[
+        MaskKind | ImportPath | Annotated[tuple[EvidenceKind | ImportPath, ...], Field(min_length=1)], Heading("Masks")
+    ] = "auto"
     """How to separate the performer from the background. alpha: the images' alpha channel. files: mask files.
-    clean_plate: difference from images of the empty set. agreed: all cameras vote, each with its difference from a
-    clean plate or from an estimated background; for static, calibrated cameras. median_background: difference from a
-    background that is estimated for each camera alone. chroma_key: a screen of one color. plain: the performer has
-    already been cut out on plain white or black. model: a matting model. none: everything is foreground.
-    MODULE:NAME: a source of your own in a Python module. auto: the first of alpha, files, clean_plate and plain that
-    fits the capture; otherwise, if there are at least 10 frames, agreed with 6 or more cameras for training, else
-    median_background. If none fits, steps that need masks stop. See docs/guides/masks.md."""
+    clean_plate: difference from images of the empty set. median_background: difference from a background that is
+    estimated for each camera alone. chroma_key: a screen of one color. plain: the performer has already been cut out on
+    plain white or black. model: a matting model. none: everything is foreground. MODULE:NAME: a source of your own in a
+    Python module. A list, such as [clean_plate, model]: all of them are evidence, on which three cameras or more agree.
+    auto: alpha, files or plain if one of them fits; otherwise, cameras agree on all the evidence that there is: clean
+    plates or the background, a green or blue screen, and the mask_model. If there is none, steps that need masks stop.
+    See docs/guides/masks.md."""
 
     mask_files: str = "auto"
     """Pattern of the mask files: soft masks, or labels, of which all but 0 are the performer. auto: search folders with
@@ -139,17 +141,17 @@ class DifferenceSettings(Settings):
     affects: ClassVar[Affects | None] = _DEFAULT
 
     mask_sensitivity: float = Field(default=1.0, gt=0, le=10)
-    """For masks from clean plates, agreed, median or screen: above 1 detects more foreground, below 1 less."""
+    """For masks from clean plates, median or screen: above 1 detects more foreground, below 1 less."""
 
     mask_shadows: Literal["none", "gray", "colored"] = "gray"
-    """For masks from clean plates, agreed, median or screen: which parts of the background count as shadow rather than
+    """For masks from clean plates, median or screen: which parts of the background count as shadow rather than
     performer. gray: darkened background. colored (not for screens): also where its color changes, as in shadows of
     colored lights, or where it is very dark (down to 12% of its brightness). Thin or dark parts of the performer in
     front of a set without texture can be lost; see docs/guides/masks.md."""
 
     mask_components: Annotated[int | None, Empty("any number")] = Field(default=None, ge=1)
-    """For masks from clean plates, agreed, median, screen or model: maximum number of connected components per camera,
-    largest first. null: no limit (except noise)."""
+    """For masks from clean plates, median, screen or model, and agreed ones: maximum number of connected components per
+    camera, largest first. null: no limit (except noise)."""
 
 
 # Fields of the last base come first.
@@ -165,11 +167,12 @@ class CaptureSettings(DifferenceSettings, FileSettings):
     elsewhere, such as garbage/{camera}.png, or a YAML file with polygons, such as garbage.yaml; take:garbage.yaml is
     what was drawn in the window. Cameras without one are not restricted. null: none. See docs/guides/masks.md."""
 
-    mask_model: Annotated[str | None, Heading("Matting model"), Empty("none")] = None
-    """Matting model for masks, as KIND:FILE; example: selfie:models/selfie.tflite. Agreed masks use it as evidence: it
-    then sees each person alone. The kind (u2net, birefnet, isnet, modnet, selfie or plain) is how the model was
-    trained: the normalization of its input, its size unless the file fixes it, and whether its output is logits. plain:
-    RGB from 0 to 1 at the size of the image. The file is relative to root. Input: one RGB image (1x3xHxW, float).
+    mask_model: Annotated[str | None, Heading("Matting model"), Empty("none")] = "auto"
+    """Matting model for masks. Where cameras agree on masks, it is evidence, and sees each person alone. auto: selfie,
+    which is included, where it sees people. null: none. selfie or isnet: a model of `v3studio models`. KIND:FILE: your
+    own; example: birefnet:models/mine.onnx, relative to root. The kind (u2net, birefnet, isnet, modnet, selfie or
+    plain) is how the model was trained: the normalization of its input, its size unless the file fixes it, and whether
+    its output is logits. plain: RGB from 0 to 1 at the size of the image. Input: one RGB image (1x3xHxW, float).
     Output: a mask from 0 to 1. ONNX files require onnxruntime."""
 
     fps: Annotated[float | None, Heading("Rate and color"), Affects("manifest", "evaluation"), Empty("as filmed")] = (
@@ -230,21 +233,15 @@ class CaptureSettings(DifferenceSettings, FileSettings):
             raise Conflict("gray and black cannot be keyed", "Use a saturated color such as [0.2, 0.6, 0.3], or auto.")
         return color
 
-    @property
-    def kind_and_file(self) -> tuple[ModelKind, str] | None:
-        """Both parts of `mask_model`."""
-        kind, _, file = (self.mask_model or "").partition(":")
-        return (cast(ModelKind, kind), file) if file else None
-
     @field_validator("mask_model")
     @classmethod
-    def _names_kind_and_file(cls, value: str | None) -> str | None:
-        kind, _, file = (value or "plain:-").partition(":")
-        if kind not in get_args(ModelKind) or not file:
-            raise Conflict(
-                "must be KIND:FILE", f"Kinds: {', '.join(get_args(ModelKind))}. Example: isnet:models/isnet.onnx."
-            )
-        return value
+    def _names_model(cls, value: str | None) -> str | None:
+        kind, _, file = (value or "auto").partition(":")
+        names = ("auto", *get_args(ModelName))
+        if (file and kind in get_args(ModelKind)) or value is None or value in names:
+            return value
+        kinds = f"Kinds: {', '.join(get_args(ModelKind))}. Example: isnet:models/isnet.onnx."
+        raise Conflict(f"must be {', '.join(names)} or KIND:FILE", kinds)
 
     @property
     def frame_range(self) -> tuple[int | None, int | None, int]:
@@ -262,6 +259,10 @@ class CaptureSettings(DifferenceSettings, FileSettings):
 
     @model_validator(mode="after")
     def _combinations(self) -> Self:
+        if {"clean_plate", "median_background"} <= set(self.masks):
+            raise Conflict(
+                "masks contains two sources of the empty set", "Keep clean_plate or median_background.", "masks"
+            )
         for what in ("cameras", "held_out"):
             names = getattr(self, what)
             if len(set(names)) != len(names):

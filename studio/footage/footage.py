@@ -18,6 +18,7 @@ from v3studio.studio.footage.sound import CaptureSound
 from v3studio.studio.footage.warp import Warp
 from v3studio.studio.masks.mask_files import FileMaskSource
 from v3studio.studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet, masked_cameras
+from v3studio.studio.masks.models import MODELS
 from v3studio.studio.memory_cache import ImageCache, image_cache
 
 
@@ -220,7 +221,8 @@ class Footage:
         """Hexadecimal digest of `files()`: names (see `digest_files`), sizes and contents."""
         key = tuple(sorted((names or {}).items()))
         if key not in self._digests:
-            self._digests[key] = digest_files(self.spec.root, self.files(), names)
+            models = {model.file: model.name for model in MODELS}  # which are elsewhere on other machines
+            self._digests[key] = digest_files(self.spec.root, self.files(), {**models, **(names or {})})
         return self._digests[key]
 
     def files(self) -> list[Path]:

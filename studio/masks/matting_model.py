@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.filters import keep_components
 from v3studio.studio.masks.mask_cache import cached_mask
 from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.masks.models import model_named
 from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.process import logged
 from v3studio.studio.storage import whole_files
@@ -241,20 +242,28 @@ def _first_line(error: Exception) -> str:
 
 def load_model(inputs: MaskInputs) -> MattingModel:
     """The model of `capture.mask_model`. Raises StudioError `mask.model_not_set`, or as `MattingModel`."""
-    spec, named = inputs.spec, inputs.spec.kind_and_file
-    if named is None:
+    wanted = inputs.spec.mask_model
+    if wanted is None:
         problem = "capture.masks is model, but no model is set"
-        fix = "Set capture.mask_model to KIND:FILE."
+        fix = "Set capture.mask_model to auto, or to a model of `v3studio models`."
         raise StudioError("mask.model_not_set", problem, fix=fix, setting="capture.mask_model")
-    kind, file = named
-    return MattingModel(spec.root / Path(file).expanduser(), kind, device=inputs.device, threads=inputs.threads)
+    kind, _, file = wanted.partition(":")
+    if not file:
+        model = model_named("selfie" if kind == "auto" else kind)
+        kind, path = model.name, model.file
+        if not model.is_here:
+            problem, fix = f"the matting model {kind} is not on this machine", f"Run: v3studio models get {kind}"
+            raise StudioError("mask.model_missing", problem, file=path, fix=fix, setting="capture.mask_model")
+    else:
+        path = inputs.spec.root / Path(file).expanduser()
+    return MattingModel(path, cast(ModelKind, kind), device=inputs.device, threads=inputs.threads)
 
 
 class ModelMaskSource(MaskSource):
     """A `MaskSource` that runs a model. Its masks are cached on the disk, if there is a folder for that."""
 
     def __init__(self, inputs: MaskInputs, model: MattingModel) -> None:
-        self._inputs, self._model, files = inputs, model, model.files()
+        self._inputs, self.model, files = inputs, model, model.files()
         # the device is not part of the recipe, because masks do not depend on it
         cached = inputs.cache_folder is not None
         self._recipe = f"{digest_files(files[0].parent, files)} {model.kind}" if cached else ""
@@ -264,7 +273,7 @@ class ModelMaskSource(MaskSource):
         image = np.ascontiguousarray(image[:, :, :3])
 
         def make() -> np.ndarray:
-            return np.rint(255 * np.clip(self._model(image), 0.0, 1.0)).astype(np.uint8)
+            return np.rint(255 * np.clip(self.model(image), 0.0, 1.0)).astype(np.uint8)
 
         mask = cached_mask(self._inputs.cache_folder, self._recipe, image, make)
         inside = self._inputs.inside(camera, frame, image)
@@ -274,7 +283,7 @@ class ModelMaskSource(MaskSource):
         return largest_components(mask, components) if components else mask
 
     def files(self) -> list[Path]:
-        return self._model.files()
+        return self.model.files()
 
 
 def largest_components(mask: np.ndarray, components: int) -> np.ndarray:
@@ -290,7 +299,9 @@ def largest_components(mask: np.ndarray, components: int) -> np.ndarray:
     return np.where(around & ~gone, mask, 0).astype(np.uint8)
 
 
-def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
+def open_model(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
     """Open masks from a model, for `SOURCES`. Raises StudioError as `load_model`."""
-    model = load_model(inputs)
-    return ModelMaskSource(inputs, model), f"matting model {model.files()[0].name}"
+    if not required and inputs.spec.mask_model is None:
+        return None
+    source = ModelMaskSource(inputs, load_model(inputs))
+    return source, f"matting model {source.files()[0].name}"

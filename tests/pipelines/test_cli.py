@@ -184,7 +184,6 @@ def test_typos_are_answered_with_what_is_similar(here: Here) -> None:
     assert "did you mean" not in here("zzzzzz").stderr
     here("check", "x", "--capture.masks", "y").fails(" --capture.masks=y", code=2)
     here("check", "x", "--set=capture.masks=y").fails(" --set=capture.masks=y", code=2)
-    here("models").fails("models list and models get", code=2)
 
 
 def test_bash_completes_commands_options_and_choices(here: Here, tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ init capture --out new.yaml
 board board.pdf
 config bake --changed --bake.quality 30
 completion bash
-models list
+models
 queue add take --queue queue.json
 queue move 1 1 --queue queue.json
 queue list --queue queue.json

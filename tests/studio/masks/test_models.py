@@ -1,4 +1,4 @@
-"""Downloading matting models, from a package that the test makes."""
+"""Matting models by name: the one that is included, and one from a package that the test makes."""
 
 import hashlib
 import io
@@ -9,48 +9,77 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
+import numpy as np
 import pytest
 
 from tests.support.errors import refuses
-from v3studio.studio.masks.models import MODELS, Model, get_model, model_named
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.capture.frame_sources import DecoderPool
+from v3studio.studio.masks.mask_source import MaskInputs
+from v3studio.studio.masks.matting_model import load_model
+from v3studio.studio.masks.models import MODELS, get_model, model_named
 
 WEIGHTS = bytes(range(256)) * 40
 
 
-def package_of(name: str, folder: Path) -> Path:
-    """A package with `WEIGHTS`, laid out as that of the model."""
+ISNET = model_named("isnet")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("V3STUDIO_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def package_of(folder: Path) -> Path:
+    """A package with `WEIGHTS`, laid out as that of ISNET."""
     index = {"/models/medium": {"chunks": [{"hash": "aa"}, {"hash": "bb"}]}}
     files = {"dist/bb": WEIGHTS[5000:], "dist/resources.json": json.dumps(index).encode(), "dist/aa": WEIGHTS[:5000]}
     path = folder / "package"
     with tarfile.open(path, "w:gz") as archive:
-        for file, data in ({"selfie_segmentation.tflite": WEIGHTS} if name == "selfie" else files).items():
+        for file, data in files.items():
             header = tarfile.TarInfo(f"package/{file}")
             header.size = len(data)
             archive.addfile(header, io.BytesIO(data))
     return path
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_weights_are_unpacked_and_checked(model: Model, tmp_path: Path) -> None:
-    package, folder = package_of(model.name, tmp_path), tmp_path / "models"
+def test_weights_are_unpacked_and_checked(tmp_path: Path, cache: Path) -> None:
+    package = package_of(tmp_path)
     with refuses("mask.model_damaged"):
-        get_model(model, folder, package)
-    assert not list(folder.glob("*"))
-    checked = replace(model, sha256=hashlib.sha256(WEIGHTS).hexdigest())
-    file = get_model(checked, folder, package)
-    assert file.name == {"selfie": "selfie.tflite"}.get(model.name, f"{model.name}.onnx")
+        get_model(ISNET, package)
+    assert not cache.exists()
+    with refuses("mask.model_missing", file=ISNET.file, setting="capture.mask_model"):
+        load_model(named("isnet"))
+    checked = replace(ISNET, sha256=hashlib.sha256(WEIGHTS).hexdigest())
+    file = get_model(checked, package)
     assert file.read_bytes() == WEIGHTS
+    assert ISNET.is_here
     package.unlink()
-    assert get_model(checked, folder, package) == file  # not needed again
+    assert get_model(checked, package) == file  # not needed again
     package.write_bytes(b"something else")
     with refuses("mask.model_damaged"):
-        get_model(model, tmp_path / "others", package)
-    assert not list((tmp_path / "others").glob("*"))
+        get_model(ISNET, package)
+    assert file.read_bytes() == WEIGHTS
 
 
-def test_what_cannot_be_downloaded_is_reported(tmp_path: Path) -> None:
+def named(model: str) -> MaskInputs:
+    return MaskInputs(CaptureSettings(mask_model=model), {}, (), (), DecoderPool(1))
+
+
+@pytest.mark.parametrize("name", ["auto", "selfie"])
+def test_the_model_for_people_is_included(name: str) -> None:
+    model = model_named("selfie")
+    assert load_model(named(name)).files() == [get_model(model)]
+    assert hashlib.sha256(model.file.read_bytes()).hexdigest() == model.sha256
+    shown = load_model(named(name))(np.full((64, 64, 3), 90, np.uint8))
+    assert shown.shape == (64, 64)
+    assert shown.max() < 0.5, "there is nobody"
+
+
+def test_what_cannot_be_downloaded_is_reported() -> None:
     with refuses("mask.model_download"):
-        get_model(replace(MODELS[0], url="http://127.0.0.1:9/package"), tmp_path)
+        get_model(replace(ISNET, url="http://127.0.0.1:9/package"))
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def half() -> None:
@@ -60,7 +89,7 @@ def test_what_cannot_be_downloaded_is_reported(tmp_path: Path) -> None:
 
         Thread(target=half, daemon=True).start()
         with refuses("mask.model_download"):
-            get_model(replace(MODELS[0], url=f"http://127.0.0.1:{server.getsockname()[1]}/"), tmp_path)
+            get_model(replace(ISNET, url=f"http://127.0.0.1:{server.getsockname()[1]}/"))
 
 
 def test_models_are_found_by_name() -> None:
