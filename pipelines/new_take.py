@@ -118,7 +118,7 @@ class NewTake:
             if value := getattr(self, attribute):
                 overrides.append((f"capture.{name}", None if value == CALIBRATE else value))
         if self.plates and not self.masks:  # else the masks are used
-            overrides.append(("capture.masks", "clean_plate"))
+            overrides.append(("capture.masks", ("clean_plate", "model")))
         path = Path(self.settings.strip()).expanduser() if self.settings.strip() else None
         preset = self.preset or (preset_here() if path is None else "")
         return for_another_take(load_config(path, [*overrides, *PRESETS.get(preset, {}).items()]), path)

@@ -156,7 +156,9 @@ def _with_masks(
 ) -> dict[str, FrameSource]:
     """The sources, without cameras that need masks but have none, as a source of one's own or mask files may lack."""
     left_out = [name for name in unmasked if name not in held_out]
-    if ":" not in spec.masks and (spec.masks != "auto" or 2 * len(left_out) > len(sources)):
+    if not (isinstance(spec.masks, str) and ":" in spec.masks) and (
+        spec.masks != "auto" or 2 * len(left_out) > len(sources)
+    ):
         left_out = []
     if left_out and len(left_out) + len(held_out) == len(sources):
         problem = f"{spec.masks} has no masks of the training cameras"

@@ -6,17 +6,20 @@ the silhouette a mask solved from the screen color next to the performer: I = a 
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.clean_plate import edge_reach, noise_of, solve_edges
 from v3studio.studio.masks.despill import despill
 from v3studio.studio.masks.filters import brightness, enlarged, guided_filter, keep_components, masked_mean, reduced
 from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
-from v3studio.studio.masks.screen_color import Screen, find_screen
+from v3studio.studio.masks.screen_color import Screen, certain_screen, find_screen
 from v3studio.studio.memory_cache import MemoryCache
 
+_CAMERAS = 9  # most cameras in which auto looks for a screen
 SAMPLES = 5  # number of frames per camera from which the screen color is estimated
 WORK_SIDE = 1920  # longest side for computing evidence; edges are solved at full size
 _FEW = 0.02  # share of known pixels at which their mean counts for half
@@ -110,11 +113,11 @@ def _extrapolate(colors: np.ndarray, where: np.ndarray, sigma: float, otherwise:
 class ChromaMaskSource(MaskSource):
     """A `MaskSource` whose foreground is everything that differs from the screen's color.
 
-    Spill is removed from the performer's outline (see `Recolors`).
+    Spill is removed from the performer's outline (see `Recolors`). `key`: see `find_screen`.
     """
 
-    def __init__(self, inputs: MaskInputs) -> None:
-        self._inputs = inputs
+    def __init__(self, inputs: MaskInputs, key: Sequence[float] | None) -> None:
+        self._inputs, self._key = inputs, key
         self._screens: MemoryCache[str, Screen] = MemoryCache(math.inf)
 
     def screen(self, camera: str) -> Screen:
@@ -122,9 +125,9 @@ class ChromaMaskSource(MaskSource):
         return self._screens.get_or_make(camera, self._find)
 
     def _find(self, camera: str) -> Screen:
-        frames, key = self._inputs.sources[camera].frames, self._inputs.spec.key_color
+        frames = self._inputs.sources[camera].frames
         images = [self._inputs.image(camera, frame) for frame in evenly_spaced(frames, SAMPLES)]
-        return find_screen(images, camera, None if isinstance(key, str) else key)
+        return find_screen(images, camera, self._key)
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """The mask as `MaskSource.mask` describes it. Raises StudioError as `find_screen`."""
@@ -137,6 +140,14 @@ class ChromaMaskSource(MaskSource):
         return despill(image, mask, behind, self.screen(camera).color)
 
 
-def open_chroma_key(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str]:
+def open_chroma_key(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
     """Open masks from a screen, for `SOURCES`."""
-    return ChromaMaskSource(inputs), "chroma key"
+    key = inputs.spec.key_color
+    if required or not isinstance(key, str):
+        return ChromaMaskSource(inputs, None if isinstance(key, str) else key), "chroma key"
+    some = evenly_spaced(inputs.names, _CAMERAS)
+    try:
+        found = certain_screen([inputs.first_image(name) for name in some], some)
+    except StudioError:  # an unreadable file, which is reported when it is needed
+        return None
+    return found and (ChromaMaskSource(inputs, found[1]), f"chroma key of a {found[0]} screen")

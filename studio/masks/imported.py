@@ -10,14 +10,13 @@ from pathlib import Path
 from types import ModuleType
 
 from v3studio.studio.errors import StudioError
-from v3studio.studio.masks.mask_source import MaskInputs, MaskSource
+from v3studio.studio.masks.mask_source import MaskSource
 
 _LOCK = threading.Lock()
 
 
-def open_imported(inputs: MaskInputs) -> tuple[MaskSource, str]:
-    """The source that `capture.masks` names, and its description. Raises StudioError: it cannot be used."""
-    path = inputs.spec.masks
+def open_imported(path: str) -> tuple[MaskSource, str]:
+    """The source that MODULE:NAME names, and its description. Raises StudioError: it cannot be used."""
     name, _, attribute = path.partition(":")
     source = getattr(_module(name, path), attribute, None)
     if isinstance(source, type) or not isinstance(source, MaskSource):

@@ -19,6 +19,9 @@ from v3studio.studio.errors import Message, StudioError
 
 Item = TypeVar("Item")
 
+FEWEST_VOTERS = 3
+"""Fewer cameras for training cannot outvote one."""
+
 
 @runtime_checkable
 class MaskSource(Protocol):
@@ -56,8 +59,9 @@ class Recolors(Protocol):
 class ShowsSet(Protocol):
     """A `MaskSource` that knows the empty set."""
 
-    def plate(self, camera: str) -> np.ndarray:
-        """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) with 0 instead of 255 where it is not reliable."""
+    def plate(self, camera: str) -> np.ndarray | None:
+        """(H, W, 3) uint8 raw image of the empty set; (H, W, 4) with 0 instead of 255 where it is not reliable. None
+        if it is not known."""
 
 
 @runtime_checkable
@@ -115,6 +119,16 @@ class MaskInputs:
         return tuple(self.sources)
 
     @property
+    def voters(self) -> frozenset[str]:
+        """The cameras for training, whose masks can be compared."""
+        return frozenset(self.names) - frozenset(self.held_out)
+
+    @property
+    def can_vote(self) -> bool:
+        """Whether the cameras are calibrated, and enough to compare their masks."""
+        return self.cameras is not None and len(self.voters) >= FEWEST_VOTERS
+
+    @property
     def frame_count(self) -> int:
         """Frames of the camera that has the fewest."""
         return min(len(source.frames) for source in self.sources.values())
@@ -150,8 +164,8 @@ class MissingMaskSource(MaskSource):
     def __init__(self, reasons: str) -> None:
         problem = f"capture.masks is auto, but the capture has no masks that could be used: {reasons}"
         fix = (
-            "Add masks or clean plates, or set capture.masks: to chroma_key before a colored screen, to model with "
-            "capture.mask_model, or to none if the images show nothing but the performer."
+            "Add masks or clean plates, or set capture.masks: to chroma_key before a colored screen, to model, or to "
+            "none if the images show nothing but the performer."
         )
         self.message = Message("mask.no_source", problem, fix=fix, fields={"setting": "capture.masks"})
 

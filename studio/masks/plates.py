@@ -24,6 +24,7 @@ from v3studio.studio.masks.median_background import (
 )
 
 FEW_FRAMES = 10  # with fewer frames, the performer hides too much of the set for auto to choose its median
+_FEW_IF_VOTED = 5  # the same where cameras agree on masks, which find the set that the performer hides
 
 
 class PlateMaskSource(MaskSource):
@@ -110,7 +111,7 @@ def open_clean_plate(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSourc
 def open_median_background(inputs: MaskInputs, required: bool) -> tuple[PlateMaskSource, str] | None:
     """Open masks from the footage's background, for `SOURCES`. Raises StudioError `mask.too_few_frames`."""
     count = inputs.frame_count
-    if count < (3 if required else FEW_FRAMES):
+    if count < (3 if required else _FEW_IF_VOTED if inputs.can_vote else FEW_FRAMES):
         if not required:
             return None
         problem = f"A median background needs at least 3 frames, but the footage has {count}"

@@ -4,6 +4,7 @@ A screen is described by a direction in RGB space: with less light, a color move
 so wrinkled and shaded parts of the screen still match. Colors are compared by the tangent of their angle to it.
 """
 
+import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,10 +14,16 @@ import numpy as np
 from v3studio.studio.capture.settings import LEAST_SATURATION
 from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.filters import reduced
+from v3studio.studio.settings import Color
 
 _SIDE = 320  # longest side of the images in which the color is estimated
 _HUES = 72  # bins of 5 degrees
 _NEAR = 0.25  # tangent of the largest angle between a color and a given key color: 14 degrees
+_KEYED = {"green": (85.0, 160.0), "blue": (205.0, 255.0)}  # hues of screens, in degrees
+_LEAST_VIVID = 0.5  # saturation of a screen that is found without being asked for; a green table had 0.48
+_MOST_SPREAD = 0.06  # of its colors; areas that only happen to be green or blue have more
+_MOST_APART = 12.0  # degrees between the hue in a camera and that in others
+_MOST_CAMERAS = 0.7  # share of the cameras that must see the screen
 _LEAST_SHARE = 0.12  # fraction of the image, border counted twice, that a screen must cover to be detected
 
 
@@ -78,6 +85,30 @@ def find_screen(images: Sequence[np.ndarray], camera: str, key_color: Sequence[f
             )
         chosen = colors[near]
     return _screen_of(chosen)
+
+
+def certain_screen(images: Sequence[np.ndarray], cameras: Sequence[str]) -> tuple[str, Color] | None:
+    """The color of the screen that most cameras show in their image, (H, W, 3) uint8 RGB: "green" or "blue", and its
+    RGB in 0..1. It must be saturated, uniform in each camera, and the same in them. None: there may be no screen."""
+    hues, colors = [], []
+    for image, camera in zip(images, cameras, strict=True):
+        try:
+            screen = find_screen([image], camera)
+        except StudioError:
+            continue
+        hue, saturation, _ = colorsys.rgb_to_hsv(*(float(value) for value in screen.color))
+        if saturation >= _LEAST_VIVID and screen.spread <= _MOST_SPREAD:
+            hues.append(360 * hue)
+            colors.append(screen.color)
+    if not hues:
+        return None
+    middle = float(np.median(hues))
+    same = [color for hue, color in zip(hues, colors, strict=True) if abs(hue - middle) < _MOST_APART]
+    name = next((name for name, (low, high) in _KEYED.items() if low < middle < high), "")
+    if not name or len(same) < _MOST_CAMERAS * len(cameras):
+        return None
+    red, green, blue = (np.median(same, axis=0) / 255).tolist()
+    return name, (red, green, blue)
 
 
 def _dominant(colors: np.ndarray, weight: np.ndarray, camera: str) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""The table of mask sources, from which `capture.masks` selects one for all cameras."""
+"""The table of mask sources, from which `capture.masks` selects one, or several that are evidence for all cameras."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from v3studio.studio.capture.detect import MASK_FOLDERS, folders_named
 from v3studio.studio.capture.settings import MaskKind
@@ -25,21 +26,25 @@ class Source:
     # returns the source and a phrase that describes it; None if the capture does not have it. With `required`, it
     # raises a StudioError (`mask.*`) instead of returning None, and also if files of a camera or frame are missing
     open: Callable[[MaskInputs, bool], tuple[MaskSource, str] | None]
-    automatic: bool = False  # whether `auto` tries it
+    # what `auto` does with it: takes it if there is no evidence before it in the table, combines it with other
+    # evidence, or does so only if none of the background is before it
+    automatic: Literal["alone", "evidence", "instead", ""] = ""
     detects: bool = False  # whether it finds the performer in the images, as sensitive as `capture.mask_sensitivity`
 
 
 SOURCES = (  # in the order in which `auto` tries them
-    Source("alpha", open_alpha, automatic=True),
-    Source("files", open_files, automatic=True),
-    Source("clean_plate", open_clean_plate, automatic=True, detects=True),
-    Source("plain", open_plain, automatic=True),
-    Source("agreed", open_agreed, automatic=True, detects=True),
-    Source("median_background", open_median_background, automatic=True, detects=True),
-    Source("chroma_key", open_chroma_key, detects=True),
-    Source("model", open_model),
+    Source("alpha", open_alpha, "alone"),
+    Source("files", open_files, "alone"),
+    Source("clean_plate", open_clean_plate, "evidence", detects=True),
+    Source("plain", open_plain, "alone"),
+    Source("chroma_key", open_chroma_key, "evidence", detects=True),
+    Source("median_background", open_median_background, "instead", detects=True),
+    Source("model", open_model, "evidence"),
     Source("none", open_none),
 )
+
+Opened = dict[str, tuple[MaskSource, str]]
+"""Sources and the phrases that describe them, by name."""
 
 
 def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
@@ -49,18 +54,41 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
     `mask.*`: its files are not found, or files for a camera or frame are missing.
     """
     kind = inputs.spec.masks
-    if ":" in kind:
-        own, words = open_imported(inputs)
-        return own, f"Masks: {words}."
+    if kind == "auto":
+        return _automatic(inputs)
+    names = (kind,) if isinstance(kind, str) else kind
+    opened: Opened = {name: _required(inputs, name) for name in names}
+    source, phrase = opened[names[0]] if isinstance(kind, str) else open_agreed(inputs, opened)
+    return source, f"Masks: {phrase}."
+
+
+def _required(inputs: MaskInputs, name: str) -> tuple[MaskSource, str]:
+    if ":" in name:
+        return open_imported(name)
+    opened = next(source for source in SOURCES if source.name == name).open(inputs, True)
+    assert opened is not None
+    return opened
+
+
+def _automatic(inputs: MaskInputs) -> tuple[MaskSource, str]:
+    evidence: Opened = {}
     for source in SOURCES:
-        if source.name == kind or (kind == "auto" and source.automatic):
-            opened = source.open(inputs, kind != "auto")
-            if opened is not None:
-                auto = f", chosen automatically{_unused(inputs, source.name)}" if kind == "auto" else ""
-                return opened[0], f"Masks: {opened[1]}{auto}."
+        if not source.automatic or (evidence and source.automatic == "alone"):
+            continue
+        if source.automatic == "instead" and "clean_plate" in evidence:
+            continue
+        opened = source.open(inputs, False)
+        if opened is not None and source.automatic == "alone":
+            return opened[0], f"Masks: {opened[1]}, chosen automatically{_unused(inputs, source.name)}."
+        if opened is not None:
+            evidence[source.name] = opened
+    if evidence and (inputs.can_vote or set(evidence) != {"model"}):
+        agreed, phrase = open_agreed(inputs, evidence)
+        return agreed, f"Masks: {phrase}, chosen automatically{_unused(inputs, '')}."
     missing = MissingMaskSource(
-        "no alpha channel, mask files, clean plates or plain background, and too few frames to estimate the background "
-        f"({inputs.frame_count}; {FEW_FRAMES} are needed)"
+        "no alpha channel, mask files, clean plates, plain background or screen, and too few frames to estimate the "
+        f"background ({inputs.frame_count}; {FEW_FRAMES} are needed)"
+        + ("; with cameras, three or more can agree on what a matting model sees" if evidence else "")
     )
     return missing, f"Masks: not found{_unused(inputs, '')}. {missing.message}"
 

@@ -142,7 +142,7 @@ def test_one_of_several_masks_plates_and_sounds_is_chosen(tmp_path: Path) -> Non
     assert inspection.sounds == ("boom.wav",)
     new.plates, new.audio = "backgrounds/{camera}.png", "boom.wav"
     capture = new.config().capture
-    assert (capture.masks, capture.clean_plates, capture.audio) == ("clean_plate", new.plates, "boom.wav")
+    assert (capture.masks, capture.clean_plates, capture.audio) == (("clean_plate", "model"), new.plates, "boom.wav")
     new.masks = "masks_fine/{camera}/{frame}.png"
     capture = new.config().capture
     assert (capture.masks, capture.mask_files) == ("auto", new.masks)

@@ -251,14 +251,15 @@ class _Reduced:
     def evidence(self, camera: str, frame: int) -> np.ndarray:
         """(h, w) float32 in 0..1, what the camera alone takes for the performer; without a vote, its mask."""
         source = self.footage.mask_source
-        if not isinstance(source, AgreedMaskSource):
+        if not isinstance(source, AgreedMaskSource) or not source.votes:
             return self.mask(camera, frame, WIDE) / np.float32(255)
         key = ("evidence", camera, frame)
         return self._kept.get_or_make(key, lambda _: (1 / (1 + np.exp(-source.evidence(camera, frame))),))[0]
 
     def own_share(self, camera: str, frame: int) -> str:
         """An addition to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
-        if not isinstance(self.footage.mask_source, AgreedMaskSource):
+        source = self.footage.mask_source
+        if not isinstance(source, AgreedMaskSource) or not source.votes:
             return ""
         own = self.evidence(camera, frame) > 0.5
         agreed = cv2.resize(self.mask(camera, frame, WIDE), own.shape[::-1], interpolation=cv2.INTER_AREA) > 127

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.masks.chroma_key import key_evidence
 from v3studio.studio.masks.clean_plate import Background, difference_evidence, match_exposure
 from v3studio.studio.masks.filters import brightness, guided_filter, odds_of_colors
+from v3studio.studio.masks.screen_color import Screen
 
 LIMIT = 4.0
 """Log-odds of single images are clipped to this: any of them may be wrong."""
@@ -28,6 +30,11 @@ _DIFFERENT = 2.0
 """Log-odds of the difference from the plate, above which a pixel without motion may show a performer who rests."""
 _MOVED = 0.7
 """Natural logarithm of the difference in units of the noise, from which a pixel counts as moved."""
+_SOLID = 0.02
+"""Least width of a part of a screen, as a fraction of the longer side: less may be something else of its color."""
+_SHADED, _TURNED, _DULL, _DARKEST = -3.0, 0.1, 0.25, 0.2
+"""Log-odds of a shadow on a saturated set; sines of the angle by which a shadow may change the color, and of the one
+from gray from which on a set is saturated; and the least share of light in a shadow."""
 _CONNECTED = 0.1
 """Still areas below this fraction of the image may be enclosed by a performer who moves."""
 
@@ -41,6 +48,9 @@ def evidence_of(
     known, doubtful = behind.known, behind.doubtful
     empty *= match_exposure(ours, empty, known)
     difference = difference_evidence(ours, empty, settings)
+    if settings.mask_shadows != "none":
+        shade = _shade(ours, empty)
+        difference += shade * (_SHADED - np.maximum(difference, _SHADED))
     if known is None or doubtful is None:  # a plate that is known to be empty needs no other clue
         return smoothed(brightness(image), np.clip(difference, -LIMIT, LIMIT))
     own = _features(image)
@@ -64,9 +74,41 @@ def evidence_of(
     return smoothed(brightness(image), np.clip(total, -LIMIT, LIMIT).astype(np.float32))
 
 
+def evidence_of_screen(image: np.ndarray, screen: Screen, settings: DifferenceSettings) -> np.ndarray:
+    """Log-odds that pixels of an (H, W, 3) uint8 RGB image show the performer: (H, W) float32, within +-`LIMIT`. Other
+    colors say nothing unless the screen is on both sides: beyond its edge is the set, too."""
+    import cv2
+
+    odds = key_evidence(image.astype(np.float32), screen, settings)
+    odds = smoothed(brightness(image), np.clip(odds, -LIMIT, LIMIT))
+    width = max(3, round(_SOLID * max(image.shape[:2])))
+    solid = cv2.morphologyEx((odds < 0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    left = np.maximum.accumulate(solid, axis=1)
+    right = np.maximum.accumulate(solid[:, ::-1], axis=1)[:, ::-1]
+    between = cv2.blur((left & right).astype(np.float32), (width, width))
+    return np.where(odds > 0, odds * between, odds)
+
+
 def smoothed(gray: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(H, W) float32 `values`, smoothed along the edges of the image of that `brightness`."""
     return guided_filter(gray, values, radius=3)
+
+
+def _shade(ours: np.ndarray, empty: np.ndarray) -> np.ndarray:
+    """(H, W) float32 in 0..1, 1 where an image (H, W, 3) float32 has the hue of a saturated set `empty` with less
+    light: shadows at the feet on a carpet, which are too dark and too small for `difference_evidence`."""
+    import cv2
+
+    ones = np.ones((1, 3), np.float32)
+    mine, theirs = (cv2.GaussianBlur(pixels, (0, 0), 1.0) for pixels in (ours, empty))
+    light, most, both = (
+        cv2.transform(first * second, ones) for first, second in ((mine, mine), (theirs, theirs), (mine, theirs))
+    )
+    gray = cv2.transform(theirs, ones / 3)
+    colorful = 1 - 3 * gray**2 / np.maximum(most, 1)  # squared sines of angles between colors
+    turned = 1 - both**2 / np.maximum(light * most, 1)
+    shade = np.exp(-turned / _TURNED**2) * np.clip((colorful - _DULL**2) / _DULL**2, 0, 1)
+    return np.asarray(shade * ((both < most) & (both > _DARKEST * most)), np.float32)
 
 
 def _features(image: np.ndarray) -> np.ndarray:

@@ -1,10 +1,11 @@
-"""Masks on which all cameras agree: evidence of each image, votes of the cameras in space, outlines in each image.
+"""Masks on which all cameras agree, whatever each of them knows: one or several sources of masks are evidence.
 
 For each frame, with all cameras at once and at reduced size:
 
-1. `evidence` gives log-odds of each image from the empty set and motion. A matting model adds its own (`people`), once
-   votes at half the size have found the people. At the end, what the model sees in most cameras is part of the
-   performer, even where a set that shows a performer who stands still has outvoted it.
+1. `evidence` gives log-odds of each image, added up: from the empty set and motion, from a screen, and from the masks
+   of other sources. A matting model adds its own (`people`), once votes at half the size have found the people. At the
+   end, what the model sees in most cameras is part of the performer, even where a set that shows a performer who
+   stands still has outvoted it.
 2. `vote` finds for each pixel what the other cameras say about the space behind it. A threshold separates performer
    from set: the one at which votes and evidence agree best.
 3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
@@ -18,6 +19,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,23 +29,31 @@ import numpy as np
 from v3studio.studio.cameras import Camera
 from v3studio.studio.capture.digest import digest_files
 from v3studio.studio.capture.settings import DifferenceSettings
+from v3studio.studio.counts import listed
 from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.agreement.empty_set import cover, uncovered
-from v3studio.studio.masks.agreement.evidence import LIMIT, evidence_of, smoothed
+from v3studio.studio.masks.agreement.evidence import LIMIT, evidence_of, evidence_of_screen, smoothed
 from v3studio.studio.masks.agreement.outlines import BINS, color_odds, cut
-from v3studio.studio.masks.agreement.people import odds_of_people
+from v3studio.studio.masks.agreement.people import odds_of_people, odds_of_tiles, sees_people
 from v3studio.studio.masks.agreement.vote import heard
+from v3studio.studio.masks.chroma_key import ChromaMaskSource, screen_behind
 from v3studio.studio.masks.clean_plate import Background, match_exposure, solve_edges
+from v3studio.studio.masks.despill import despill
 from v3studio.studio.masks.filters import brightness, color_bins, enlarged, keep_components, reduced
 from v3studio.studio.masks.mask_cache import cached_mask
-from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
-from v3studio.studio.masks.matting_model import MattingModel, load_model
+from v3studio.studio.masks.mask_source import (
+    FEWEST_VOTERS,
+    MaskInputs,
+    MaskSource,
+    ShowsSet,
+    evenly_spaced,
+    masked_cameras,
+)
+from v3studio.studio.masks.matting_model import MattingModel, ModelMaskSource
 from v3studio.studio.masks.median_background import background_cache, cached_background
-from v3studio.studio.masks.plates import PlateMaskSource, open_clean_plate, open_median_background, shown
+from v3studio.studio.masks.plates import PlateMaskSource, shown
 from v3studio.studio.memory_cache import MemoryCache
 
-FEWEST_CAMERAS = 6
-"""Fewer cannot outvote one."""
 _WORK_SIDE, _COARSE_SIDE = 640, 320
 """Longest side of the images at which cameras are compared, and where the set is estimated again."""
 SET_FRAMES, _SET_PASSES = 5, 2
@@ -68,29 +78,37 @@ _SEEN = 0.6
 """Votes on a matting model's log-odds alone, above which what it sees is the performer."""
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
+_GIVEN = 3.0
+"""Log-odds of a mask of another source."""
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 6  # of the algorithm; part of the names of cached files
+_VERSION = 7  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource(MaskSource):
-    """A `MaskSource` whose masks all cameras agree on, by votes in rounds (described at the top of this file).
-    `plates`: the empty set of each camera, `estimated` from the footage or not; `model`: its masks of people are part
-    of the evidence; `recipes`: digests of all inputs of masks and of sets, for the disk cache."""
+    """A `MaskSource` whose masks all cameras agree on, by votes in rounds (described at the top of this file), with the
+    evidence of other `sources`. If the cameras cannot vote (`MaskInputs.can_vote`), it has the masks of the first one.
 
-    def __init__(
-        self,
-        inputs: MaskInputs,
-        cameras: Mapping[str, Camera],
-        plates: PlateMaskSource,
-        model: MattingModel | None,
-        estimated: bool,
-        recipes: tuple[str, str],
-    ) -> None:
-        self._inputs, self._cameras, self._plates, self._model, self._recipes = inputs, cameras, plates, model, recipes
+    Attributes:
+        votes: whether the cameras vote.
+    """
+
+    def __init__(self, inputs: MaskInputs, sources: Mapping[str, MaskSource]) -> None:
+        self._inputs, self._sources = inputs, tuple(sources.values())
+        self.votes = inputs.can_vote
+        self._plates = next((source for source in self._sources if isinstance(source, PlateMaskSource)), None)
+        self._screen = next((source for source in self._sources if isinstance(source, ChromaMaskSource)), None)
+        self._model = next((source.model for source in self._sources if isinstance(source, ModelMaskSource)), None)
+        known = (PlateMaskSource, ChromaMaskSource, ModelMaskSource)
+        self._given = [source for source in self._sources if not isinstance(source, known)]
         common = sorted(set.intersection(*(set(source.frames) for source in inputs.sources.values())))
         self._set_frames = evenly_spaced(common, SET_FRAMES)
-        self._estimated = estimated and bool(common)
-        self._voters = frozenset(inputs.names) - frozenset(inputs.held_out)
+        self._estimated = "median_background" in sources and bool(common)
+        self._cameras: Mapping[str, Camera] = {}
+        self._recipes = "", ""
+        if self.votes:
+            assert inputs.cameras is not None
+            self._cameras = inputs.cameras()
+            self._recipes = _recipes(inputs, self._cameras, sources)
         self._small: MemoryCache[tuple[str, int, int], np.ndarray] = MemoryCache(
             _KEPT_BYTES, lambda image: image.nbytes
         )
@@ -101,6 +119,8 @@ class AgreedMaskSource(MaskSource):
 
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """The mask as `MaskSource.mask` describes it. Raises StudioError: a camera's image or plate cannot be read."""
+        if not self.votes:
+            return self._sources[0].mask(camera, frame, image)
         image = np.ascontiguousarray(image[:, :, :3])
 
         def make() -> np.ndarray:
@@ -109,15 +129,17 @@ class AgreedMaskSource(MaskSource):
         return cached_mask(self._inputs.cache_folder, f"agreed {self._recipes[0]} {frame}", image, make)
 
     def files(self) -> list[Path]:
-        return self._plates.files() + (self._model.files() if self._model else [])
+        return [path for source in self._sources for path in source.files()]
 
-    def plate(self, camera: str) -> np.ndarray:
-        return shown(self.background(camera))
+    def plate(self, camera: str) -> np.ndarray | None:
+        if not self.votes:
+            return self._sources[0].plate(camera) if isinstance(self._sources[0], ShowsSet) else None
+        return None if self._plates is None else shown(self._background(camera, self._plates))
 
-    def background(self, camera: str) -> Background:
+    def _background(self, camera: str, plates: PlateMaskSource) -> Background:
         """The set of `camera`, in raw pixels; if it was estimated, from where the cameras agree that it is empty."""
         if not self._estimated:
-            return self._plates.background(camera)
+            return plates.background(camera)
         return self._sets.get_or_make(camera, self._emptied)
 
     def _emptied(self, camera: str) -> Background:
@@ -127,11 +149,13 @@ class AgreedMaskSource(MaskSource):
         return cached_background(self._inputs.cache_folder, _digest(self._recipes[1], camera), make)
 
     def _uncovered(self, camera: str, covers: Sequence[Mapping[str, np.ndarray]]) -> Background:
+        assert self._plates is not None
         images = [self._inputs.image(camera, frame) for frame in self._set_frames]
         return uncovered(self._plates.background(camera), images, [by_camera[camera] for by_camera in covers])
 
     def _cover(self, _: None) -> list[dict[str, np.ndarray]]:
         """Areas where the performer may be, (h, w) bool, by camera, for each frame of the set."""
+        assert self._plates is not None
         names = self._inputs.names
         sets = {name: self._plates.background(name) for name in names}
         covers: list[dict[str, np.ndarray]] = []
@@ -147,22 +171,38 @@ class AgreedMaskSource(MaskSource):
 
     def evidence(self, camera: str, frame: int) -> np.ndarray:
         """(h, w) float32 log-odds from this camera's images alone, without a model, at reduced size."""
-        return self._evidence(camera, frame, _reduced_background(self.background(camera)), _WORK_SIDE)
+        behind = self._small_set(camera) if self._plates is not None else None
+        return self._evidence(camera, frame, behind, _WORK_SIDE)
+
+    def _small_set(self, camera: str) -> Background:
+        assert self._plates is not None
+        plates = self._plates
+        return self._small_sets.get_or_make(camera, lambda name: _reduced_background(self._background(name, plates)))
 
     def _evidence(
-        self, camera: str, frame: int, behind: Background, side: int, people: np.ndarray | None = None
+        self, camera: str, frame: int, behind: Background | None, side: int, people: np.ndarray | None = None
     ) -> np.ndarray:
-        known = self._inputs.sources[camera].frames
-        near = [frame + step for step in _NEIGHBORS if frame + step in known]
-        image = self._image(camera, frame, side)
-        odds = evidence_of(image, [self._image(camera, neighbor, side) for neighbor in near], behind, self._inputs.spec)
-        return self._allowed(camera, frame, odds if people is None else np.clip(odds + people, -LIMIT, LIMIT), side)
+        image, parts = self._image(camera, frame, side), [] if people is None else [people]
+        if behind is not None:
+            known = self._inputs.sources[camera].frames
+            near = [self._image(camera, frame + step, side) for step in _NEIGHBORS if frame + step in known]
+            parts.append(evidence_of(image, near, behind, self._inputs.spec))
+        if self._screen is not None:
+            with suppress(StudioError):  # this camera does not see it
+                parts.append(evidence_of_screen(image, self._screen.screen(camera), self._inputs.spec))
+        given = [source for source in self._given if masked_cameras(source, (camera,))]
+        if given:
+            whole = self._inputs.sources[camera].read(frame)
+            masks = [reduced(source.mask(camera, frame, whole), side) for source in given]
+            parts += [_GIVEN * (mask.astype(np.float32) / 127.5 - 1) for mask in masks]
+        total = sum(parts, start=np.zeros(image.shape[:2], np.float32))
+        return self._allowed(camera, frame, np.clip(total, -LIMIT, LIMIT), side)
 
-    def _people(self, camera: str, frame: int, solid: np.ndarray) -> np.ndarray:
-        """(h, w) float32 log-odds of the model; `solid`: roughly where the performer is."""
-        assert self._model is not None
-        odds = odds_of_people(self._inputs.image(camera, frame), solid, self._model)
-        return self._allowed(camera, frame, reduced(odds, _WORK_SIDE), _WORK_SIDE)
+    def _people(self, camera: str, frame: int, solid: np.ndarray | None, side: int, model: MattingModel) -> np.ndarray:
+        """(h, w) float32 log-odds of the model; `solid`: roughly where the performer is; None: not known."""
+        image = self._inputs.image(camera, frame)
+        odds = odds_of_tiles(image, model) if solid is None else odds_of_people(image, solid, model)
+        return self._allowed(camera, frame, reduced(odds, side), side)
 
     def _allowed(self, camera: str, frame: int, odds: np.ndarray, side: int) -> np.ndarray:
         """Log-odds, the lowest where the garbage mask excludes the performer."""
@@ -172,21 +212,32 @@ class AgreedMaskSource(MaskSource):
         return odds if inside is None else np.where(reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
-        """Areas in which all cameras together see the performer, (h, w) bool at reduced size, by camera."""
-
-        def small(name: str) -> Background:
-            return _reduced_background(self.background(name))
-
-        sets = {name: self._small_sets.get_or_make(name, small) for name in self._inputs.names}
-        if self._model is None:
+        """Areas in which all cameras together see the performer, (h, w) bool at reduced size, by camera. StudioError
+        `mask.nobody_seen`: a matting model is all the evidence, and it sees no people."""
+        names, model = self._inputs.names, self._model
+        sets = {} if self._plates is None else {name: self._small_set(name) for name in names}
+        if model is None:
             return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, {})
+        alone = self._plates is None and not self._given  # so that the model has to find the people
+
+        def looked(solid: Mapping[str, np.ndarray], side: int) -> dict[str, np.ndarray]:
+            with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
+                odds = pool.map(lambda name: self._people(name, frame, solid.get(name), side, model), names)
+                return dict(zip(names, odds, strict=True))
+
         coarse = {name: _reduced_background(behind, _COARSE_SIDE) for name, behind in sets.items()}
-        rough = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, {})
-        with ThreadPoolExecutor(self._inputs.threads or None, thread_name_prefix="masks") as pool:
-            odds = pool.map(lambda name: self._people(name, frame, rough[name]), rough)
-            people = dict(zip(rough, odds, strict=True))
+        seen = looked({}, _COARSE_SIDE) if alone else {}
+        rough = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, seen)
+        people = looked(rough, _WORK_SIDE)
+        small = [reduced(people[name], _COARSE_SIDE) for name in names]
+        if self._inputs.spec.mask_model == "auto" and not sees_people(small, [rough[name] for name in names]):
+            if alone and self._screen is None:
+                problem = f"no people are seen in frame {frame}, and a matting model for people is all the evidence"
+                fix = "Add masks, clean plates or more frames, or set capture.masks to another source."
+                raise StudioError("mask.nobody_seen", problem, fix=fix, frame=frame, setting="capture.masks")
+            return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, {})
         solid = self._vote(frame, sets, _WORK_SIDE, _ROUNDS, people)
-        votes = heard(people, self._sized(people), self._voters)
+        votes = heard(people, self._sized(people), self._inputs.voters)
         return {name: mask | ((votes[name] > _SEEN) & (people[name] > 0)) for name, mask in solid.items()}
 
     def _sized(self, images: Mapping[str, np.ndarray]) -> dict[str, Camera]:
@@ -207,7 +258,7 @@ class AgreedMaskSource(MaskSource):
             names = self._inputs.names
             own_name = {name: name for name in names}
             images = each(lambda name: self._image(name, frame, side), own_name)
-            own = each(lambda name, behind: self._evidence(name, frame, behind, side, people.get(name)), own_name, sets)
+            own = each(lambda name: self._evidence(name, frame, sets.get(name), side, people.get(name)), own_name)
             grays = each(brightness, images)
             bins = each(partial(color_bins, bins=BINS), images)
             cameras = self._sized(images)
@@ -215,7 +266,7 @@ class AgreedMaskSource(MaskSource):
             solid: dict[str, np.ndarray] = {}
             agreed = any(behind.agreed is not None for behind in sets.values())
             for turn in range(rounds):
-                votes = heard(voting, cameras, self._voters)
+                votes = heard(voting, cameras, self._inputs.voters)
                 threshold = best_threshold(votes, voting)
                 others = {name: _HEARD * (votes[name] - threshold) + _COLORS * colors[name] for name in names}
                 alone = each(_in_color, own, colors) if agreed else own
@@ -238,13 +289,31 @@ class AgreedMaskSource(MaskSource):
 
     def _outlined(self, camera: str, image: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """The mask at full size with soft edges."""
-        width, behind, larger = image.shape[1], self.background(camera), enlarged(solid, image.shape)
+        width, larger = image.shape[1], enlarged(solid, image.shape)
         kept = keep_components(larger, self._inputs.spec.mask_components, int(_SMALLEST * larger.size))
         if not kept.any():
             return kept
-        gain = match_exposure(image.astype(np.float32), behind.plate.astype(np.float32), behind.known)
+        gain = np.ones(3, np.float32)
+        if self._plates is not None:
+            behind = self._background(camera, self._plates)
+            plate, known = behind.plate, behind.known
+            gain = match_exposure(image.astype(np.float32), plate.astype(np.float32), known)
+        else:  # what is beside the performer is also behind their outline
+            plate, known = screen_behind(image, kept), None
         reach = max(2.0, 2.0 * width / solid.shape[1])
-        return solve_edges(image, behind.plate, gain, kept, reach if width > solid.shape[1] else 2.0, behind.known)
+        return solve_edges(image, plate, gain, kept, reach if width > solid.shape[1] else 2.0, known)
+
+
+class _BeforeScreen(AgreedMaskSource):
+    """The same before a screen, whose light is removed from outlines (see `Recolors`)."""
+
+    def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        assert self._screen is not None
+        try:
+            color = self._screen.screen(camera).color
+        except StudioError:  # this camera does not see it
+            return image
+        return despill(image, mask, screen_behind(image, (mask > 127).astype(np.uint8)), color)
 
 
 def best_threshold(votes: Mapping[str, np.ndarray], odds: Mapping[str, np.ndarray]) -> float:
@@ -283,53 +352,40 @@ def _reduced_background(behind: Background, side: int = _WORK_SIDE) -> Backgroun
     )
 
 
-def open_agreed(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | None:
-    """Open masks on which all cameras agree, for `SOURCES`."""
-    voters = len(inputs.names) - len(inputs.held_out)
-    if not required and voters < FEWEST_CAMERAS:
-        return None
-    if voters < FEWEST_CAMERAS:
-        problem = f"capture.masks is agreed, which needs {FEWEST_CAMERAS} cameras for training, but there are {voters}"
-        fix = "Set capture.masks to median_background, which looks at each camera alone."
-        raise StudioError(
-            "mask.too_few_cameras", problem, value=voters, fix=fix, expected=FEWEST_CAMERAS, setting="capture.masks"
-        )
-    clean = open_clean_plate(inputs, False)
-    opened = clean or open_median_background(inputs, required)
-    if opened is None:
-        return None
-    plates, phrase = opened
-    model = load_model(inputs) if inputs.spec.mask_model else None
-    if inputs.cameras is None:
-        alone = PlateMaskSource(inputs, plates.background, plates.files() + (model.files() if model else []))
-        return alone, f"those of each camera alone until the cameras are calibrated, {phrase}"
-    cameras, recipes = inputs.cameras(), ("", "")
-    if inputs.cache_folder is not None:  # the sets do not depend on the model
-        masks = sets = _recipe(inputs, cameras, plates)
-        if model is not None:
-            files = digest_files(inputs.spec.root, model.files())
-            masks = _digest(sets, files, inputs.spec.model_dump_json(include={"mask_model"}))
-        recipes = masks, sets
-    source = AgreedMaskSource(inputs, cameras, plates, model, clean is None, recipes)
-    if model:
-        phrase += " and a matting model"
-    elif clean is None:
-        phrase += " (people get better masks with a model: see `v3studio models list`)"
-    return source, f"agreed by {voters} cameras, from the {phrase}"
+def open_agreed(inputs: MaskInputs, opened: Mapping[str, tuple[MaskSource, str]]) -> tuple[MaskSource, str]:
+    """Masks on which the cameras agree, with sources as evidence, by name, each with a phrase that describes it; and
+    such a phrase."""
+    sources = {name: source for name, (source, _) in opened.items()}
+    phrases = {name: phrase for name, (_, phrase) in opened.items()}
+    if "model" in phrases and inputs.spec.mask_model == "auto":
+        phrases["model"] += " where it sees people (capture.mask_model null: without)"
+    kind = _BeforeScreen if any(isinstance(source, ChromaMaskSource) for source in sources.values()) else None
+    source = (kind or AgreedMaskSource)(inputs, sources)
+    if source.votes:
+        return source, f"agreed by {len(inputs.voters)} cameras, from {listed(list(phrases.values()))}"
+    why = "the cameras are calibrated" if inputs.cameras is None else f"there are {FEWEST_VOTERS} for training"
+    return source, f"{next(iter(phrases.values()))}, by each camera alone: cameras agree once {why}"
 
 
-def _recipe(inputs: MaskInputs, cameras: Mapping[str, Camera], plates: PlateMaskSource) -> str:
-    """Everything that the sets depend on."""
+def _recipes(inputs: MaskInputs, cameras: Mapping[str, Camera], sources: Mapping[str, MaskSource]) -> tuple[str, str]:
+    """Digests of everything that masks and sets depend on, for the disk cache; sets do not depend on a model."""
+    if inputs.cache_folder is None:
+        return "", ""
     spec = inputs.spec
-    files = [path for source in inputs.sources.values() for path in source.files()] + plates.files()
+    others = {name: source for name, source in sources.items() if name != "model"}
+    files = [path for source in inputs.sources.values() for path in source.files()]
+    files += [path for source in others.values() for path in source.files()]
     files += [] if inputs.garbage is None else inputs.garbage.files
-    return _digest(
+    sets = _digest(
         str(_VERSION),
         digest_files(spec.root, files),
-        spec.model_dump_json(include={*DifferenceSettings.model_fields, "offsets"}),
+        " ".join(others),
+        spec.model_dump_json(include={*DifferenceSettings.model_fields, "offsets", "key_color", "mask_labels"}),
         spec.model_dump_json(include={"color_matrix", "transfer", "held_out"}),
         *(f"{camera.to_dict()}" for camera in cameras.values()),
     )
+    model = [path for source in sources.values() if source not in others.values() for path in source.files()]
+    return (_digest(sets, digest_files(model[0].parent, model), f"{spec.mask_model}") if model else sets), sets
 
 
 def _digest(*parts: str) -> str:

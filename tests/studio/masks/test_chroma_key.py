@@ -18,7 +18,7 @@ from v3studio.studio.masks import chroma_key
 from v3studio.studio.masks.chroma_key import chroma_mask, screen_behind
 from v3studio.studio.masks.clean_plate import DifferenceSettings
 from v3studio.studio.masks.despill import despill
-from v3studio.studio.masks.screen_color import find_screen
+from v3studio.studio.masks.screen_color import certain_screen, find_screen
 
 GREEN, BLUE, RED, YELLOW = (60, 165, 80), (40, 80, 190), (190, 40, 45), (200, 180, 40)
 SKIN, WHITE, DARK = (205, 150, 125), (225, 220, 215), (25, 25, 28)
@@ -209,3 +209,28 @@ def test_despill_restores_the_performers_color_at_the_outline_only() -> None:
     tinted = filmed(over(np.array([120, 160, 110]), DISC, screen), 1, noise=0.0)
     red, green, blue = despill(tinted, mask, screen, np.array(GREEN))[mixed].T
     assert (green <= np.maximum(red, blue)).all()
+
+
+WOOD, TABLE, CARPET = (150, 112, 85), (50, 88, 52), (46, 141, 123)
+"""Colors of sets in real footage that fill much of the image but are no screens."""
+
+
+@pytest.mark.parametrize(
+    ("color", "name"),
+    [
+        (GREEN, "green"),
+        (BLUE, "blue"),
+        ((30, 80, 45), "green"),
+        (WOOD, None),
+        (TABLE, None),
+        (CARPET, None),
+        (RED, None),
+    ],
+)
+def test_a_screen_is_seen_by_itself(color: tuple[int, int, int], name: str | None) -> None:
+    """Also if it is only a part of the set; and only if most cameras see it."""
+    image, wall = before(color, DISC), np.full((*SHAPE, 3), 25, np.uint8)
+    floor = np.vstack([wall[:90], image[90:]])
+    for images, expected in (([image, floor, wall, floor], name), ([image, wall, wall, floor], None)):
+        found = certain_screen(images, "abcd")
+        assert (found and found[0]) == expected
