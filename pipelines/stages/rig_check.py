@@ -21,9 +21,12 @@ from v3studio.studio.cameras import Camera
 from v3studio.studio.counts import counted, listed
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.progress import ProgressFn
+from v3studio.studio.yaml_text import inline_yaml
 
 if TYPE_CHECKING:
+    from v3studio.studio.capture import CaptureSettings
     from v3studio.studio.footage import Footage, FootageView
+    from v3studio.studio.masks.mask_source import MaskSource
 
 
 _NAMED_PLACES = 3  # cameras of which the place is named where their masks contradict the others, the worst first
@@ -72,14 +75,36 @@ def check_rig(plan: InitializePlan, group: Group, reporter: StageReporter) -> No
     if not verdict.blamed:
         reporter.log(f"cameras: {verdict.grade}. {verdict.reason}")
         return
-    wrong = verdict.grade == "wrong"
-    code = "masks.contradiction" if verdict.blamed == "masks" else "rig.wrong"
-    cameras = list(verdict.doubtful)
+    wrong, masks = verdict.grade == "wrong", verdict.blamed == "masks"
+    code, setting, fix = "masks.contradiction" if masks else "rig.wrong", "run.check_rig", verdict.fix
+    fields: dict[str, object] = {"cameras": list(verdict.doubtful)}
+    if masks and "capture.offsets" not in fix:
+        setting, value, fix = remedy_of_masks(plan.inputs.capture, plan.footage.mask_source)
+        fields |= {} if value is None else {"suggested": value}
     if wrong and plan.checks_rig:
-        fix = f"{verdict.fix} To train anyway, set run.check_rig to false."
-        raise StudioError(code, verdict.reason, fix=fix, setting="run.check_rig", cameras=cameras)
-    warning = Message("rig.doubtful", verdict.reason, fix=verdict.fix, fields={"cameras": cameras})
-    reporter.warn(replace(warning, code=code) if wrong else warning)
+        fix = f"{fix} To train anyway, set run.check_rig to false."
+        raise StudioError(code, verdict.reason, fix=fix, setting=setting, **fields)
+    warning = Message("rig.doubtful", verdict.reason, fix=fix, fields=fields)
+    reporter.warn(replace(warning, code=code, fields={**fields, "setting": setting}) if wrong or masks else warning)
+
+
+def remedy_of_masks(capture: CaptureSettings, source: MaskSource) -> tuple[str, list[str] | str | None, str]:
+    """What to do about masks that contradict each other: a setting, its value if that is known, and a sentence."""
+    from v3studio.studio.masks.agreement.source import AgreedMaskSource
+    from v3studio.studio.masks.mask_files import FileMaskSource
+    from v3studio.studio.masks.plain_background import PlainMaskSource
+
+    votes = isinstance(source, AgreedMaskSource) and source.votes
+    if votes and capture.mask_model is None:
+        return "capture.mask_model", "auto", "Add the model for people: set capture.mask_model to auto."
+    if votes:
+        fix = "Draw garbage masks where the performer never is (Capture page), or record clean plates."
+        return "capture.garbage_masks", None, fix
+    known = {FileMaskSource: "files", PlainMaskSource: "plain"}.get(type(source), "alpha")
+    names = [capture.masks if isinstance(capture.masks, str) and capture.masks != "auto" else known]
+    names += ["model"] if capture.mask_model is not None and "model" not in names else []
+    fix = f"Let the cameras agree on them: set capture.masks to {inline_yaml(names)}."
+    return "capture.masks", names, fix
 
 
 def _judged(plan: InitializePlan, frame: int, reporter: StageReporter) -> RigVerdict:

@@ -34,7 +34,7 @@ REMEDIES: Mapping[str, str] = {  # the setting that fixes a warning, by its code
     "training.slow": "capture.scale",
 }
 
-_SUGGESTED = {"footage.few_frames": "frames", "training.slow": "suggested"}
+_SUGGESTED = {"footage.few_frames": "frames", "masks.contradiction": "suggested", "training.slow": "suggested"}
 """The field of a warning that has the setting's value, by its code."""
 
 _DETECTED = {source.name for source in SOURCES if source.detects}

@@ -14,6 +14,7 @@ from v3studio.gui.widgets.stage_help import HELP
 from v3studio.pipelines.config.loading import load_config
 from v3studio.pipelines.events import Warned
 from v3studio.studio.masks.sources import SOURCES, Source
+from v3studio.studio.yaml_text import inline_yaml
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = {field.name for stage in SECTIONS for field in fields_of(stage)}
@@ -99,6 +100,12 @@ def test_every_setting_that_a_message_names_exists() -> None:
     ("code", "fields", "setting", "value"),
     [
         ("training.slow", {"suggested": 0.42}, "capture.scale", 0.42),
+        (
+            "masks.contradiction",
+            {"setting": "capture.masks", "suggested": ["alpha", "model"]},
+            "capture.masks",
+            ["alpha", "model"],
+        ),
         ("footage.few_frames", {"frames": 7}, "calibrate.frame_count", 7),
         ("coverage.gaps", {}, "bake.view_range", "none"),
     ],
@@ -113,7 +120,7 @@ def test_the_value_of_a_warning_is_valid(
     changed = load_config(footage_project / "ball.yaml", [(setting, value)])
     again = fix_of(warning, changed)
     assert again.done
-    assert again.words == f"{setting_words(setting)} is {value} now"
+    assert again.words == f"{setting_words(setting)} is {inline_yaml(value)} now"
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
