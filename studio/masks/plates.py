@@ -79,7 +79,14 @@ def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
 
     if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
         with closing(VideoReader(paths[0], spec.color_matrix, spec.transfer)) as reader:
-            return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], reader.frame_count))
+            count = reader.frame_count
+            try:
+                reader.read(count - 1)
+            except StudioError as error:  # a header that counts too many is no harm: a plate needs no certain frames
+                if error.code != "footage.video_truncated" or not error.fields["frame"]:
+                    raise
+                count = error.fields["frame"]
+            return Background(median_plate(lambda frame: reader.read(frame)[:, :, :3], count))
     if len(paths) == 1:
         return Background(np.ascontiguousarray(read_image(paths[0], spec.transfer)[:, :, :3]))
     return Background(median_plate(lambda index: read_image(paths[index], spec.transfer)[:, :, :3], len(paths)))

@@ -4,8 +4,8 @@ For each frame, with all cameras at once and at reduced size:
 
 1. `evidence` gives log-odds of each image, added up: from the empty set and motion, from a screen, and from the masks
    of other sources. A matting model adds its own (`people`), once votes at half the size have found the people. At the
-   end, what the model sees in most cameras is part of the performer, even where a set that shows a performer who
-   stands still has outvoted it.
+   end, what the model sees in most cameras is part of the performer, even where an estimated set, which may show a
+   performer who stands still, has outvoted it.
 2. `vote` finds for each pixel what the other cameras say about the space behind it. A threshold separates performer
    from set: the one at which votes and evidence agree best.
 3. Both, and `outlines.color_odds`, give new log-odds. Steps 2 and 3 are repeated; GrabCut finds the outlines in the
@@ -78,6 +78,8 @@ _SEEN = 0.6
 """Votes on a matting model's log-odds alone, above which what it sees is the performer."""
 _KEPT_FRAMES = 4
 _KEPT_BYTES = 256 << 20
+_CERTAIN = -2.0
+"""Log-odds before a set that was not estimated, below which a model is not believed."""
 _GIVEN = 3.0
 """Log-odds of a mask of another source."""
 _SMALLEST = 1e-4  # component, in fractions of the image
@@ -193,7 +195,7 @@ class AgreedMaskSource(MaskSource):
         given = [source for source in self._given if masked_cameras(source, (camera,))]
         if given:
             whole = self._inputs.sources[camera].read(frame)
-            masks = [reduced(source.mask(camera, frame, whole), side) for source in given]
+            masks = [_at(source.mask(camera, frame, whole), side) for source in given]
             parts += [_GIVEN * (mask.astype(np.float32) / 127.5 - 1) for mask in masks]
         total = sum(parts, start=np.zeros(image.shape[:2], np.float32))
         return self._allowed(camera, frame, np.clip(total, -LIMIT, LIMIT), side)
@@ -202,14 +204,14 @@ class AgreedMaskSource(MaskSource):
         """(h, w) float32 log-odds of the model; `solid`: roughly where the performer is; None: not known."""
         image = self._inputs.image(camera, frame)
         odds = odds_of_tiles(image, model) if solid is None else odds_of_people(image, solid, model)
-        return self._allowed(camera, frame, reduced(odds, side), side)
+        return self._allowed(camera, frame, _at(odds, side), side)
 
     def _allowed(self, camera: str, frame: int, odds: np.ndarray, side: int) -> np.ndarray:
         """Log-odds, the lowest where the garbage mask excludes the performer."""
         if self._inputs.garbage is None:
             return odds
         inside = self._inputs.inside(camera, frame, self._inputs.image(camera, frame))
-        return odds if inside is None else np.where(reduced(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
+        return odds if inside is None else np.where(_at(inside.astype(np.float32), side) > 0.5, odds, -LIMIT)
 
     def agree(self, frame: int) -> dict[str, np.ndarray]:
         """Areas in which all cameras together see the performer, (h, w) bool at reduced size, by camera. StudioError
@@ -229,7 +231,7 @@ class AgreedMaskSource(MaskSource):
         seen = looked({}, _COARSE_SIDE) if alone else {}
         rough = self._vote(frame, coarse, _COARSE_SIDE, _COARSE_ROUNDS, seen)
         people = looked(rough, _WORK_SIDE)
-        small = [reduced(people[name], _COARSE_SIDE) for name in names]
+        small = [_at(people[name], _COARSE_SIDE) for name in names]
         if self._inputs.spec.mask_model == "auto" and not sees_people(small, [rough[name] for name in names]):
             if alone and self._screen is None:
                 problem = f"no people are seen in frame {frame}, and a matting model for people is all the evidence"
@@ -238,7 +240,10 @@ class AgreedMaskSource(MaskSource):
             return self._vote(frame, sets, _WORK_SIDE, _ROUNDS, {})
         solid = self._vote(frame, sets, _WORK_SIDE, _ROUNDS, people)
         votes = heard(people, self._sized(people), self._inputs.voters)
-        return {name: mask | ((votes[name] > _SEEN) & (people[name] > 0)) for name, mask in solid.items()}
+        seen = {name: (votes[name] > _SEEN) & (odds > 0) for name, odds in people.items()}
+        if not self._estimated:  # a clean plate or a screen shows no performer, so that what is certain stays
+            seen = {name: there & (self.evidence(name, frame) > _CERTAIN) for name, there in seen.items()}
+        return {name: mask | seen[name] for name, mask in solid.items()}
 
     def _sized(self, images: Mapping[str, np.ndarray]) -> dict[str, Camera]:
         """The cameras of images (h, w, ...) of any size."""
@@ -283,7 +288,7 @@ class AgreedMaskSource(MaskSource):
 
     def _image(self, camera: str, frame: int, side: int) -> np.ndarray:
         def load(key: tuple[str, int, int]) -> np.ndarray:
-            return reduced(self._inputs.image(*key[:2]), side)
+            return _at(self._inputs.image(*key[:2]), side)
 
         return self._small.get_or_make((camera, frame, side), load)
 
@@ -343,12 +348,17 @@ def _after_cut(odds: np.ndarray, solid: np.ndarray) -> np.ndarray:
     return _UNCUT * np.clip(odds, -2.0, 2.0) + np.where(solid, np.float32(_CUT), np.float32(-_CUT))
 
 
+def _at(image: np.ndarray, side: int) -> np.ndarray:
+    """An image at most `side` pixels long. Via `_WORK_SIDE`, so that its size is the same from wherever it comes."""
+    return reduced(reduced(image, _WORK_SIDE), side)
+
+
 def _reduced_background(behind: Background, side: int = _WORK_SIDE) -> Background:
     def area(where: np.ndarray | None) -> np.ndarray | None:
-        return None if where is None else reduced(where.astype(np.float32), side) > 0.5
+        return None if where is None else _at(where.astype(np.float32), side) > 0.5
 
     return Background(
-        reduced(behind.plate, side), area(behind.known), area(behind.doubtful), behind.colors, area(behind.agreed)
+        _at(behind.plate, side), area(behind.known), area(behind.doubtful), behind.colors, area(behind.agreed)
     )
 
 
