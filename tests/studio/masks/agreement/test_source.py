@@ -154,15 +154,11 @@ def shows(footage: Footage, camera: Camera) -> float:
 def test_cameras_agree_on_what_a_model_sees_in_one_frame(
     capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where there is no other evidence, and the model takes a part of one wall for a person."""
-
-    def seen(self: MattingModel, image: np.ndarray) -> np.ndarray:
-        return np.float32(even(image) | (np.abs(image.astype(int) - RED).sum(-1) < 30))
-
-    monkeypatch.setattr(MattingModel, "__call__", seen)
+    """Where there is no other evidence."""
+    monkeypatch.setattr(MattingModel, "__call__", lambda self, image: np.float32(even(image)))
     footage = opened(capture, rig, **ONE)
     assert "agreed by 8 cameras, from matting model selfie.tflite" in footage.description
-    assert np.mean([shows(footage, camera) for camera in rig]) > 0.85
+    assert min(shows(footage, camera) for camera in rig) > 0.9
     monkeypatch.setattr(MattingModel, "__call__", lambda self, image: np.zeros(image.shape[:2], np.float32))
     with refuses("mask.nobody_seen"):
         opened(capture, rig, **ONE).mask("cam2", 0)
