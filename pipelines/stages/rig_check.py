@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def check_rig(plan: InitializePlan, group: Group, reporter: StageReporter) -> No
         return
     wrong, masks = verdict.grade == "wrong", verdict.blamed == "masks"
     code, setting, fix = "masks.contradiction" if masks else "rig.wrong", "run.check_rig", verdict.fix
-    fields: dict[str, object] = {"cameras": list(verdict.doubtful)}
+    fields: dict[str, Any] = {"cameras": list(verdict.doubtful)}
     if masks and "capture.offsets" not in fix:
         setting, value, fix = remedy_of_masks(plan.inputs.capture, plan.footage.mask_source)
         fields |= {} if value is None else {"suggested": value}
