@@ -101,7 +101,10 @@ def _sync(arguments: argparse.Namespace) -> None:
         report = check_sync(footage, method=arguments.method, seconds=arguments.seconds)
     if arguments.json:
         names = ("method", "offsets", "confidence", "timecodes", "whole")
-        arguments.result = {name: getattr(report, name) for name in names} | {"unsure": list(report.unsure)}
+        arguments.result = {name: getattr(report, name) for name in names} | {
+            "unsure": list(report.unsure),
+            "several": {name: list(fitting) for name, fitting in report.several.items()},
+        }
         return
     for name, offset in report.offsets.items():
         if report.method == "timecode":

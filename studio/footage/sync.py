@@ -17,6 +17,8 @@ from v3studio.studio.footage.footage import Footage
 SOUND_RATE = 500  # sample rate of the compared loudness signals, in Hz
 _MIN_CORRELATION = 0.35  # correlation below which the offset between two cameras is unknown
 _MIN_FRAMES = 12
+_DOUBT = 2.0  # standard deviations by which the correlation at another offset must be lower
+_APART = 0.75  # frames from the best offset within which others may fit as well
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,9 @@ class SyncReport:
     # cameras whose offset is unknown because their signal does not correlate with any other, or because they have no
     # timecode
     unsure: tuple[str, ...]
+    # camera to the whole offsets, relative to the camera that it resembles most, that fit about equally well, as on
+    # periodic or slow motion. Its offset is not among `offsets`
+    several: dict[str, tuple[int, ...]] = field(default_factory=dict)
     # camera to the label at its start, such as 01:00:00:00; empty with other methods
     timecodes: dict[str, str] = field(default_factory=dict)
 
@@ -40,7 +45,8 @@ class SyncReport:
         return {name: round(offset) for name, offset in self.offsets.items() if round(offset)}
 
     def warnings(self) -> list[Message]:
-        """`sync.offset` (fields `camera`, `method`) per late or early camera; `sync.unknown` per one in `unsure`."""
+        """`sync.offset` (fields `camera`, `method`) per late or early camera; `sync.several` and `sync.unknown` per one
+        in `several` and `unsure`."""
         messages = []
         for name, offset in self.whole.items():
             frames = counted(abs(offset), "frame")
@@ -51,6 +57,13 @@ class SyncReport:
             fix = f"Set capture.offsets to {{{name}: {offset}}}."
             fields = {"camera": name, "method": self.method, "setting": "capture.offsets"}
             messages.append(Message("sync.offset", problem, value=offset, fix=fix, fields=fields))
+        for name, fitting in self.several.items():
+            problem = (
+                f"Camera '{name}': several offsets fit its {self.method}, from {fitting[0]} to {fitting[-1]} frames"
+            )
+            fix = "Use sound (a clap) or timecodes, film a jump or a flash, or compare a fast moment by eye."
+            fields = {"camera": name, "method": self.method}
+            messages.append(Message("sync.several", problem, value=list(fitting), fix=fix, fields=fields))
         for name in self.unsure:
             why = f"its {self.method} does not match any other camera"
             if self.method == "timecode":
@@ -60,9 +73,19 @@ class SyncReport:
         return messages
 
 
-def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Lag of each signal in samples (the median is 0; NaN if no correlation reaches 0.35), and its highest correlation,
-    0..1, by name, from the correlations of all pairs.
+@dataclass(frozen=True)
+class SignalLags:
+    """Result of `offsets_of`, by name: the lag of each signal in samples (the median is 0; NaN if it is not known), its
+    highest correlation, 0..1, and of those with an unknown lag but a high correlation the lags that fit."""
+
+    lags: dict[str, float]
+    correlation: dict[str, float]
+    several: dict[str, list[int]]
+
+
+def offsets_of(signals: Mapping[str, np.ndarray], most: int, apart: float = _APART) -> SignalLags:
+    """The lags of signals from the correlations of all pairs, of which at least 0.35 count, and only if no lag that is
+    farther than `apart` samples from the best fits about as well.
 
     Signals, (N,), are at the same rate and start at the same time if synchronized; `most` is the largest lag to search,
     in samples.
@@ -70,20 +93,29 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int) -> tuple[dict[str, 
     names = list(signals)
     pairs = []
     best = dict.fromkeys(names, 0.0)
+    several: dict[str, list[int]] = {}
     for first, second in combinations(range(len(names)), 2):
-        lag, strength = _lag(signals[names[first]], signals[names[second]], most)
-        pairs.append((first, second, lag, strength))
-        for index in (first, second):
-            best[names[index]] = max(best[names[index]], strength)
-    sure = [pair for pair in pairs if pair[3] >= _MIN_CORRELATION]
-    lags = _solve(len(names), sure)
+        lag, strength, fitting = _lag(signals[names[first]], signals[names[second]], most)
+        if strength >= _MIN_CORRELATION and np.abs(fitting - lag).max() <= apart:
+            pairs.append((first, second, lag, strength))
+        for index, sign in ((first, -1), (second, 1)):
+            if strength > best[names[index]]:
+                best[names[index]] = strength
+                several[names[index]] = sorted(int(sign * other) for other in fitting)
+    lags = _solve(len(names), pairs)
     known = [lag for lag in lags if np.isfinite(lag)]
     middle = float(np.median(known)) if known else 0.0
-    return {name: float(lag - middle) for name, lag in zip(names, lags, strict=True)}, best
+    unknown = [name for name, lag in zip(names, lags, strict=True) if not np.isfinite(lag)]
+    return SignalLags(
+        {name: float(lag - middle) for name, lag in zip(names, lags, strict=True)},
+        best,
+        {name: several[name] for name in unknown if best[name] >= _MIN_CORRELATION},
+    )
 
 
-def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float]:
-    """The number of samples by which b lags behind a, and the Pearson correlation of the overlap at that lag."""
+def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float, np.ndarray]:
+    """The number of samples by which b lags behind a, the Pearson correlation of the overlap at that lag, and the whole
+    lags, (M,), whose correlation is not lower by more than chance explains."""
     length = min(len(a), len(b))
     most = min(most, length // 2)
     strengths = []
@@ -99,7 +131,22 @@ def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float]:
         before, at, after = strengths[best - 1 : best + 2]
         bend = before - 2 * at + after
         shift = 0.5 * (before - after) / bend if bend < -1e-12 else 0.0
-    return best - most + shift, max(0.0, strengths[best])
+    # chance: Fisher's transform of as many independent samples as there are in signals that change slowly (Bartlett)
+    independent = (length - abs(best - most)) / max(
+        1.0, 1 + 2 * float((_autocorrelation(a) * _autocorrelation(b)).sum())
+    )
+    doubt = _DOUBT / np.sqrt(max(independent - 3, 1))
+    least = np.tanh(np.arctanh(min(strengths[best], 0.999999)) - doubt)
+    fitting = np.flatnonzero(np.array(strengths) >= min(least, strengths[best])) - most
+    return best - most + shift, max(0.0, strengths[best]), fitting
+
+
+def _autocorrelation(signal: np.ndarray) -> np.ndarray:
+    """(N // 2,) from lag 1 on."""
+    centered = signal - signal.mean()
+    values = np.correlate(centered, centered, "full")[len(signal) :][: len(signal) // 2]
+    result: np.ndarray = values / max(float(centered @ centered), 1e-12)
+    return result
 
 
 def _solve(count: int, pairs: Sequence[tuple[int, int, float, float]]) -> np.ndarray:
@@ -155,19 +202,20 @@ def check_sync(footage: Footage, *, method: str = "auto", seconds: float = 1.0) 
         problem = f"Camera '{silent}' has no sound"
         raise StudioError("sync.no_sound", problem, fix="Use the method motion.", camera=silent)
     if sounds and len(sounds) == len(names):
-        lags, best = offsets_of(sounds, round(seconds * SOUND_RATE))
-        lags = {name: lag / SOUND_RATE * footage.fps * footage.spec.frame_range[2] for name, lag in lags.items()}
-        used = "sound"
+        frames = footage.fps * footage.spec.frame_range[2] / SOUND_RATE  # per sample
+        used, matched = "sound", offsets_of(sounds, round(seconds * SOUND_RATE), _APART / frames)
     else:
         if len(footage.frames) < _MIN_FRAMES:
             problem = f"The footage has {counted(len(footage.frames), 'frame')}; motion needs at least {_MIN_FRAMES}"
             raise StudioError("sync.too_few_frames", problem, value=len(footage.frames), expected=_MIN_FRAMES)
         signals = motion_signals(footage)
-        lags, best = offsets_of(signals, min(round(seconds * footage.fps), len(footage.frames) // 3))
-        used = "motion"
-    unsure = tuple(name for name in names if not np.isfinite(lags[name]))
-    offsets = {name: round(lag, 3) for name, lag in lags.items() if np.isfinite(lag)}
-    return SyncReport(used, offsets, {name: round(value, 3) for name, value in best.items()}, unsure)
+        most = min(round(seconds * footage.fps), len(footage.frames) // 3)
+        used, frames, matched = "motion", 1.0, offsets_of(signals, most)
+    offsets = {name: round(lag * frames, 3) for name, lag in matched.lags.items() if np.isfinite(lag)}
+    several = {name: tuple(sorted({round(lag * frames) for lag in lags})) for name, lags in matched.several.items()}
+    unsure = tuple(name for name in names if name not in offsets and name not in several)
+    correlation = {name: round(value, 3) for name, value in matched.correlation.items()}
+    return SyncReport(used, offsets, correlation, unsure, several)
 
 
 def _by_timecode(footage: Footage) -> SyncReport:
@@ -191,7 +239,7 @@ def _by_timecode(footage: Footage) -> SyncReport:
         raise StudioError("sync.no_overlap", problem, fix=fix, cameras=(first, last))
     lags = {name: float(lag) for name, lag in offsets.items()}
     texts = {name: label.text for name, label in labels.items()}
-    return SyncReport("timecode", lags, {}, without, texts)
+    return SyncReport("timecode", lags, {}, without, timecodes=texts)
 
 
 def motion_signals(footage: Footage) -> dict[str, np.ndarray]:

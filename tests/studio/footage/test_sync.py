@@ -103,5 +103,18 @@ def test_fractions_of_a_sample_are_found(late: float) -> None:
     def signal(shift: float) -> np.ndarray:
         return sum(np.sin((times - shift) * rate + phase) for rate, phase in ((0.31, 0.1), (0.47, 1.9), (0.83, 0.7)))
 
-    lags, _ = offsets_of({"a": signal(0.0), "b": signal(late)}, most=10)
+    lags = offsets_of({"a": signal(0.0), "b": signal(late)}, most=10).lags
     assert lags["b"] - lags["a"] == pytest.approx(late, abs=0.06)
+
+
+@pytest.mark.parametrize("steps", ["periodic", "slow"])
+def test_motion_that_several_offsets_fit_is_told(steps: str) -> None:
+    """Steps of a walk, which repeat; and one slow motion, whose strength each camera sees differently."""
+    rng = np.random.default_rng(3)
+    times = np.arange(100.0)
+    motion = np.sin(times * 0.3) ** 2 if steps == "periodic" else np.exp(-(((times - 50) / 18) ** 2))
+    seen = {name: motion * (1 + 0.004 * tilt * times) for name, tilt in (("a", 0), ("b", 1), ("c", -1))}
+    matched = offsets_of({name: signal + rng.normal(0, 0.1, 100) for name, signal in seen.items()}, most=30)
+    assert all(np.isnan(lag) for lag in matched.lags.values())
+    assert all(len(fitting) > 1 for fitting in matched.several.values())
+    assert set(matched.several) == {"a", "b", "c"}

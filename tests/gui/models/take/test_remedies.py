@@ -23,7 +23,7 @@ OF_THE_FOOTAGE = {"footage.camera_ends_early", "footage.frames_missing", "mask.e
 OTHERS = {
     "bakes.evaluation_not_noted", "calibration.worker_failed", "command.usage", "edits.no_take",
     "mask.no_source", "playback.failed", "program.bug", "run.cancelled", "settings.invalid", "settings.no_take",
-    "settings.run_active", "settings.unknown", "sync.offset", "sync.unknown",
+    "settings.run_active", "settings.unknown", "sync.offset", "sync.several", "sync.unknown",
 }  # fmt: skip
 """Messages of commands, of errors and of the window: no warnings of stages."""
 NO_SETTING = {
