@@ -125,3 +125,16 @@ def test_a_stream_that_is_baked_again_during_playback(site: Site, baked: Baked, 
     assert not button.is_visible()
     page.wait("(seen.looped ?? []).length")
     assert page.seen("notice") == []
+
+
+def test_a_new_bake_shows_to_a_loop_that_is_in_memory(site: Site, baked: Baked, open_page: OpenPage) -> None:
+    """It asks for nothing more, but looks when the viewer comes back, and in between."""
+    shutil.copytree(baked(), site.stream)
+    page = open_page()
+    page.wait("(seen.looped ?? []).length > 1")
+    shutil.copytree(baked(qp=34), site.stream, dirs_exist_ok=True)
+    page.evaluate("() => { document.dispatchEvent(new Event('visibilitychange')); }")
+    page.handle.get_by_role("button", name="Show the new version").click()
+    page.wait("seen.opened.length === 2 && player.state.ready")
+    assert len(page.seen("updated")) == 1
+    assert page.seen("notice") == []

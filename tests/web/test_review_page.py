@@ -19,6 +19,7 @@ from v3studio.pipelines.share.served import find_reviews, find_streams
 from v3studio.pipelines.share.web_app import Reviews, build_app
 from v3studio.pipelines.takes.authored.marks import Mark, change_mark, read_marks
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.stream import BakeSettings, StreamReader, write_manifest
 
 pytestmark = pytest.mark.web
 
@@ -270,3 +271,21 @@ def test_the_link_to_watch_shows_no_review_and_cannot_write(
     status = watching.evaluate(post, change)
     assert status in (404, 405)
     assert all(mark.note != "no" for mark in read_marks(take.marks).values())
+
+
+def test_a_new_bake_is_reviewed_at_the_same_moment(page: Page, take: Take) -> None:
+    page.seek_frame(3)
+    page.call("setView", {"azimuth": 25})
+    manifest = take.stream / "manifest.json"
+    before = manifest.read_bytes()
+    with StreamReader.open(take.stream) as reader:
+        entries, metadata = [reader.index.group(number) for number in range(len(reader.groups))], reader.manifest.metadata
+        write_manifest(take.stream, entries, reader.fps, BakeSettings(), {**metadata, "title": "Baked again"})
+    page.evaluate("() => { document.dispatchEvent(new Event('visibilitychange')); }")
+    with page.handle.expect_navigation():
+        page.handle.get_by_role("button", name="Show the new version").click()
+    page.wait_ready()
+    manifest.write_bytes(before)
+    assert page.evaluate("() => document.querySelector('v3-player').engine.info.title") == "Baked again"
+    assert page.state["frame"] == 3
+    assert page.state["view"]["azimuth"] == pytest.approx(25)

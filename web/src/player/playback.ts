@@ -12,6 +12,7 @@ import { type StreamOptions, V3Stream } from "./stream.ts";
 /** Milliseconds to wait for a frame before the clock stops, and before the stall is reported and the sound stops, too. */
 const GRACE = 120;
 const TELL = 500;
+const LOOK = 30_000; // milliseconds between two looks whether the stream was baked again
 
 interface Requested {
   readonly frame: number;
@@ -92,7 +93,13 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
       this.sound.load(file, start, length, this.duration);
     });
     // Hidden pages get no animation frames; the clock must not advance in the meantime.
-    document.addEventListener("visibilitychange", () => this.skipTime(), { signal: this.stop.signal });
+    const { signal } = this.stop;
+    document.addEventListener("visibilitychange", () => {
+      this.skipTime();
+      this.look();
+    }, { signal });
+    const looking = setInterval(() => this.look(), LOOK);
+    signal.addEventListener("abort", () => clearInterval(looking));
   }
 
   /** Asks the stream for a frame, which `arrived` gets. */
@@ -280,6 +287,11 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   protected skipTime(): void {
     this.lastTick = this.lastShownAt = null;
     this.sound.halt();
+  }
+
+  /** A stream that is wholly in memory asks the server for nothing that would show that it was baked again. */
+  private look(): void {
+    if (this.info !== null && !document.hidden) this.stream.request({ type: "look" });
   }
 
   private dropReady(): void {

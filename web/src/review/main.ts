@@ -7,6 +7,7 @@ import type { V3PlayerElement } from "../ui/element.ts";
 import { type ReviewData, ReviewServer } from "./api.ts";
 import { Comparison } from "./comparison.ts";
 import { make } from "../ui/dom.ts";
+import { linkTo } from "../ui/link.ts";
 import { Marks } from "./marks.ts";
 import { Pins } from "./pins.ts";
 import { Plots } from "./plots.ts";
@@ -30,6 +31,8 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   const problems = data.problems.map((text) => make("p", { class: "problem" }, text));
   panel.replaceChildren(tools, marks.form, marks.problem, words.element, plots.element, ...problems, marks.element);
   player.on("frame", ({ frame }) => plots.show(frame));
+  // The stream was baked again: its figures, too, are others.
+  player.on("opened", () => location.replace(linkTo(location.href, player.seconds, player.view, controls.reviewParameters())));
   const compared = new URLSearchParams(location.search).get("compare");
   if (compared !== null) comparison.begin(compared);
   controls.reviewParameters = (): Record<string, string> => {

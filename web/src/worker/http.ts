@@ -77,6 +77,10 @@ export class HttpSource implements Source {
     });
   }
 
+  async peek(path: string, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>> {
+    return new Uint8Array(await (await fetch(new URL(path, this.base), { signal, cache: "no-cache" })).arrayBuffer());
+  }
+
   early(path: string): number {
     return this.earlyTimes.get(path) ?? 0;
   }

@@ -53,6 +53,8 @@ export type SessionRequest =
   | { readonly type: "played"; readonly group: number; readonly shown: number; readonly dropped: number }
   /** Return buffers that are no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
+  /** Look whether another bake has replaced the stream. */
+  | { readonly type: "look" }
   /** The graphics context was lost: send the next image with its group's setup. */
   | { readonly type: "forget-setup" };
 

@@ -133,6 +133,9 @@ export class Session {
       case "recycle":
         for (const buffer of message.buffers) this.pool.give(buffer);
         break;
+      case "look":
+        void this.files.look();
+        break;
       case "forget-setup":
         this.setupSent = -1;
     }

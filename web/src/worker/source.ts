@@ -9,6 +9,8 @@ export type Arrived = (data: Uint8Array<ArrayBuffer>, filled: number) => void;
 export interface Source {
   /** Fetches a file of at most `limit` bytes. A source that gets it piece by piece calls `arrived`. */
   read(path: string, limit: number, signal: AbortSignal, arrived?: Arrived): Promise<Uint8Array<ArrayBuffer>>;
+  /** The file as it is now, in one attempt of which nobody is told; only where files may change. */
+  peek?(path: string, signal: AbortSignal): Promise<Uint8Array<ArrayBuffer>>;
   /** Milliseconds that a file took which was on its way before it was read; 0 for others. */
   early?(path: string): number;
 }

@@ -10,6 +10,7 @@ import { readChecked, sha256, type Source } from "./source.ts";
 export class StreamFiles {
   /** Whether another bake has replaced the stream: no more of it can be fetched. */
   replaced = false;
+  private told = false;
   /** Set once it was read, and again when a live stream has more groups. */
   manifest!: Manifest;
   /** Pages by path, so that the unchanged pages of a live stream are not read again. */
@@ -25,7 +26,14 @@ export class StreamFiles {
 
   /** Reads the manifest. StreamError: it is missing, damaged, or not a manifest. */
   async read(): Promise<Manifest> {
-    const data = await this.source.read(this.name, MAX_MANIFEST_BYTES, this.signal);
+    return this.parse(await this.fetch());
+  }
+
+  private fetch(): Promise<Uint8Array<ArrayBuffer>> {
+    return this.source.read(this.name, MAX_MANIFEST_BYTES, this.signal);
+  }
+
+  private async parse(data: Uint8Array<ArrayBuffer>): Promise<Manifest> {
     this.signal.throwIfAborted();
     const text = new TextDecoder().decode(data);
     const manifest = parseManifest(text, data.length);
@@ -58,7 +66,7 @@ export class StreamFiles {
     try {
       return await reads();
     } catch (error) {
-      if (!(error instanceof StreamError) || error.transient || !(await this.isReplaced())) throw error;
+      if (!(error instanceof StreamError) || error.transient || !(await this.isReplaced(() => this.fetch()))) throw error;
       this.replace();
       throw new Rebaked();
     }
@@ -66,15 +74,27 @@ export class StreamFiles {
 
   /** Another bake has replaced the stream. */
   replace(): void {
-    if (!this.replaced) this.rebaked();
+    this.tell();
     this.replaced = true;
   }
 
+  private tell(): void {
+    if (!this.told) this.rebaked();
+    this.told = true;
+  }
+
+  /** Looks whether another bake has replaced the stream. */
+  async look(): Promise<void> {
+    const { source, name, signal } = this;
+    if (this.told || source.peek === undefined || !(await this.isReplaced(() => source.peek!(name, signal)))) return;
+    this.tell(); // files of the old one may still be there
+  }
+
   /** Whether the stream has another manifest now, which does not only add groups. */
-  private async isReplaced(): Promise<boolean> {
+  private async isReplaced(read: () => Promise<Uint8Array<ArrayBuffer>>): Promise<boolean> {
     const old = this.manifest;
     try {
-      const now = await this.read();
+      const now = await this.parse(await read());
       return now.manifest_sha256 !== old.manifest_sha256 && !(old.live && onlyGrows(old, now));
     } catch {
       return false; // nothing that could be opened instead
