@@ -59,6 +59,11 @@ def _add_page_options(share: argparse.ArgumentParser) -> None:
     share.add_argument("--license", metavar="TEXT", help='license of the footage; example: "CC BY 4.0"')
     share.add_argument("--description", metavar="TEXT", help="description for screen readers and link previews")
     share.add_argument(
+        "--marks",
+        action="store_true",
+        help="show the take's marks that have a note: anyone with the page reads them",
+    )
+    share.add_argument(
         "--address", metavar="URL", help="future address of the page, which link previews need to show the poster"
     )
 
@@ -83,7 +88,7 @@ def add_first_options(command: argparse.ArgumentParser) -> None:
 
 def page_text(arguments: argparse.Namespace) -> PageText:
     """The text of a page from the options, of which not all commands have all."""
-    from v3studio.pipelines.share.page import PageText, read_intro, read_view
+    from v3studio.pipelines.share.page import PageText, read_intro, read_public_marks, read_view
 
     given = {name: getattr(arguments, name, None) for name in ("title", "credits", "license", "address", "description")}
     if given["address"] is not None:
@@ -92,7 +97,9 @@ def page_text(arguments: argparse.Namespace) -> PageText:
             problem = f"--address '{given['address']}' is not the http(s):// address of a folder"
             raise invalid_option("--address", problem, "Example: https://example.org/walk/.", given["address"])
     intro = None if arguments.intro is None else read_intro(arguments.intro, arguments.source)
-    return PageText(**given, intro=intro, view=None if arguments.view is None else read_view(arguments.view))
+    view = None if arguments.view is None else read_view(arguments.view)
+    marks = read_public_marks(arguments.source) if getattr(arguments, "marks", False) else None
+    return PageText(**given, intro=intro, view=view, marks=marks)
 
 
 def _share(arguments: argparse.Namespace) -> None:

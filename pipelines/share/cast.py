@@ -125,7 +125,7 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
     """
     cast = read_cast(source)
     page, script, licenses = _page_files()
-    unused = [name for name in ("description", "intro", "view", "address") if getattr(text, name) is not None]
+    unused = [name for name in ("description", "intro", "view", "marks", "address") if getattr(text, name) is not None]
     if unused:
         fix = f"Leave out {' and '.join('--' + name for name in unused)}."
         raise StudioError("share.bad_cast", f"the page of a cast has no {unused[0]}", file=source, fix=fix)

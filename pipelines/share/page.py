@@ -29,7 +29,6 @@ PAGE_NAME = "index.html"
 INTRO_SECONDS = 8.0  # duration of an intro through the cameras of a rig file, which has no times
 MAX_INTRO_KEYS = 1000  # as many as the player reads
 
-_INTRO = "v3-intro"
 _SCRIPT = '<script type="module" src="v3-player.js"></script>'
 _TITLE = "<title>V3 Player</title>"
 _HEAD = "<!-- v3:head -->"
@@ -51,6 +50,7 @@ class PageText:
             none.
         intro: a camera path from `read_intro`, with which the page begins; None for none.
         view: with which the page begins, from `read_view`; None for the stream's own.
+        marks: notes that the page shows, from `read_public_marks`; None for none.
     """
 
     title: str | None = None
@@ -60,6 +60,7 @@ class PageText:
     description: str | None = None
     intro: str | None = None
     view: str | None = None
+    marks: str | None = None
 
     def plain(self) -> PageText:
         """A copy whose texts are plain (`plain_text`), with "?" for lone surrogates, which UTF-8 cannot hold, but JSON
@@ -95,9 +96,11 @@ def player_page(
     attribute_values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
     attribute_values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
     attribute_values["view"] = text.view
-    if text.intro is not None:
-        attribute_values["intro"] = f"#{_INTRO}"
-        script = f'<script type="application/json" id="{_INTRO}">{_in_json(text.intro)}</script>\n{script}'
+    for attribute, held in (("intro", text.intro), ("data-marks", text.marks)):
+        if held is not None:
+            name = f"v3-{attribute.removeprefix('data-')}"
+            attribute_values[attribute] = f"#{name}"
+            script = f'<script type="application/json" id="{name}">{_in_json(held)}</script>\n{script}'
     attributes = [f'{name}="{escape(value)}"' for name, value in attribute_values.items() if value]
     if not stream.startswith("#"):
         head = [_early_files(stream, first), *head]
@@ -200,6 +203,21 @@ def read_intro(path: Path, source: str) -> str:
             }
         )
     return json.dumps({"format": FORMAT, "version": VERSION, "keys": entries}, separators=(",", ":"))
+
+
+def read_public_marks(source: str) -> str:
+    """The text that a page holds of a take's marks: frames of the stream, notes and views, without names. `source`: the
+    take's folder. StudioError: not a take, its marks are damaged, or none has a note and a view (`share.no_marks`)."""
+    from v3studio.pipelines.review.take_review import TakeReview
+    from v3studio.pipelines.takes.take import Take
+
+    take = Take.open(Path(source).expanduser())
+    marks = [mark for mark in TakeReview(take).marks() if mark.note and mark.view is not None]
+    if not marks:
+        fix = "Mark frames in the window, or in a browser: `v3studio serve --review`."
+        raise StudioError("share.no_marks", "no mark has a note and a view", file=take.marks, fix=fix)
+    kept = {"frame": True, "note": True, "view": {"eye", "target", "place"}}
+    return json.dumps([mark.model_dump(mode="json", include=kept) for mark in marks], separators=(",", ":"))
 
 
 def read_view(text: str) -> str:

@@ -279,7 +279,10 @@ def test_a_new_bake_is_reviewed_at_the_same_moment(page: Page, take: Take) -> No
     manifest = take.stream / "manifest.json"
     before = manifest.read_bytes()
     with StreamReader.open(take.stream) as reader:
-        entries, metadata = [reader.index.group(number) for number in range(len(reader.groups))], reader.manifest.metadata
+        entries, metadata = (
+            [reader.index.group(number) for number in range(len(reader.groups))],
+            reader.manifest.metadata,
+        )
         write_manifest(take.stream, entries, reader.fps, BakeSettings(), {**metadata, "title": "Baked again"})
     page.evaluate("() => { document.dispatchEvent(new Event('visibilitychange')); }")
     with page.handle.expect_navigation():

@@ -12,9 +12,12 @@ import pytest
 import support
 from driver import Baked, OpenPage, Page, psnr
 
-from v3studio.pipelines.share.page import PageText, first_files
+from tests.support.errors import refuses
+from v3studio.pipelines.share.page import PageText, first_files, read_public_marks
 from v3studio.pipelines.share.serving import serve
 from v3studio.pipelines.share.sharing import share
+from v3studio.pipelines.takes.authored.marks import Mark, MarkView, change_mark
+from v3studio.pipelines.takes.take import Take
 
 pytestmark = pytest.mark.web
 
@@ -134,3 +137,33 @@ def test_a_single_file_plays_from_the_disk(baked: Baked, open_page: OpenPage, tm
     assert page.state["frame"] == 5
     assert page.state["view"]["azimuth"] == pytest.approx(30)
     assert all(request.startswith((file.as_uri(), "blob:", "data:")) for request in page.requests), page.requests
+
+
+def test_marks_are_published_as_notes_with_next(finished: Path, open_page: OpenPage, tmp_path: Path) -> None:
+    take = Take.open(Path(shutil.copytree(finished, tmp_path / "project")) / "take")
+    with refuses("share.no_marks", file=take.marks):
+        read_public_marks(str(take.root))
+    target = (0.1, 0.0, 0.2)
+    for frame, note, eye in ((4, "Look <b>here</b>", (3, 0, 0)), (1, "The hand", (0, 0, -4)), (2, "", (1, 1, 1))):
+        view = MarkView(eye=eye, target=target, fov=40, place=target)
+        change_mark(take.marks, frame, Mark(frame=frame, note=note, author="Jane", view=view), None)
+    change_mark(take.marks, 3, Mark(frame=3, note="without a view"), None)
+    marks = read_public_marks(str(take.root))
+    assert "Jane" not in marks
+    share(take.root, tmp_path / "site", PageText(marks=marks))
+    with plain_server(tmp_path / "site") as address:
+        page = open_page("?t=0", address=f"{address}/?t=0", size=SIZE, reduced_motion="reduce")
+        caption = page.handle.locator("v3-player .caption")
+        caption.get_by_text("2 notes").wait_for()
+        shown = []
+        for note in ("The hand", "Look <b>here</b>", "The hand"):
+            caption.get_by_role("button", name="Next").click()
+            caption.get_by_text(note).wait_for()
+            shown.append((page.state["frame"], page.state["view"]["distance"]))
+        first, second = (1, (0.1**2 + 4.2**2) ** 0.5), (4, (2.9**2 + 0.2**2) ** 0.5)
+        assert [frame for frame, _ in shown] == [1, 4, 1]
+        assert [distance for _, distance in shown] == pytest.approx([first[1], second[1], first[1]], rel=1e-3)
+        assert page.state["view"]["target"] == pytest.approx(target)
+        assert page.handle.locator("v3-player .pins i").count() == 1
+        page.seek_frame(0)
+        caption.get_by_text("2 notes").wait_for()

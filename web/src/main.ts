@@ -10,7 +10,7 @@ export type { V3PlayerEventMap, V3PlayerHandlers, V3PlayerProperties, V3PlayerSt
 export { Player } from "./player/player.ts";
 
 /** Attributes that a page has for its own stream, and not for one that a link names. */
-const OWN = ["data-title", "data-credits", "data-license", "data-description", "data-link", "poster", "intro"];
+const OWN = ["data-title", "data-credits", "data-license", "data-description", "data-link", "data-marks", "poster", "intro"];
 
 /** The message interface for iframes, version 1 (docs/guides/web.md). Commands are harmless, so any embedding page may send
  * them; replies go to the embedding page. */

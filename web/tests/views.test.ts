@@ -9,7 +9,7 @@ import { clock } from "../src/ui/format.ts";
 import { readPath, spline } from "../src/ui/intro.ts";
 import { parseView } from "../src/ui/link.ts";
 import { ticks } from "../src/review/curves.ts";
-import { pointAt } from "../src/review/pins.ts";
+import { pointAt } from "../src/ui/pins.ts";
 import { summaryOf, wordOf, worstFrames } from "../src/review/words.ts";
 
 /** A figure of 1.8 m that walks 1.4 m; z is up. */

@@ -5,8 +5,8 @@ import type { Player } from "../player/player.ts";
 import { clock } from "../ui/format.ts";
 import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer } from "./api.ts";
 import { make, remembered } from "../ui/dom.ts";
+import type { Pins } from "../ui/pins.ts";
 import type { Comparison } from "./comparison.ts";
-import type { Pins } from "./pins.ts";
 import type { Plots } from "./plots.ts";
 
 const POLL = 4000; // milliseconds between two looks at what others have marked

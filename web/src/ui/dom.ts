@@ -19,6 +19,12 @@ export function draw(tag: "svg" | "path" | "line", attributes: Attributes = {}):
   return element;
 }
 
+/** The text that an attribute names: of the element `#ID`, or at an address. */
+export async function textAt(place: string): Promise<string> {
+  if (place.startsWith("#")) return document.querySelector(place)?.textContent ?? "";
+  return (await fetch(new URL(place, document.baseURI))).text();
+}
+
 /** A value that this browser keeps, from now on `value`; "" if there is none. A browser may forbid storage. */
 export function remembered(key: string, value?: string): string {
   try {

@@ -4,6 +4,7 @@ import { pinholeOf, type View } from "../render/camera.ts";
 import type { Player } from "../player/player.ts";
 import { StreamError } from "../stream/errors.ts";
 import { type Camera, isNumber, readCamera } from "../stream/metadata.ts";
+import { textAt } from "./dom.ts";
 
 const FORMAT = "v3studio-camera-path";
 const MAX_KEYS = 1000; // keys that a path may have at most
@@ -107,9 +108,7 @@ export function readPath(text: string, player: Player): IntroPath {
 
 /** The path that an attribute names: a URL, or `#ID` of an element that holds its JSON. StreamError: not a camera path. */
 export async function loadPath(place: string, player: Player): Promise<IntroPath> {
-  if (place.startsWith("#")) return readPath(document.querySelector(place)?.textContent ?? "", player);
-  const response = await fetch(new URL(place, document.baseURI));
-  return readPath(await response.text(), player);
+  return readPath(await textAt(place), player);
 }
 
 /** Flies a path; the camera stays where the path ends, or where it is when the returned function is called. */

@@ -68,12 +68,18 @@ export class Motion {
     const from = camera.view;
     camera.reset();
     const to = camera.view;
+    camera.view = from;
+    this.flyTo(to);
+  }
+
+  /** Goes to a view in the same way. */
+  flyTo(to: View): void {
+    const from = this.player.view;
     this.velocity = { x: 0, y: 0, at: 0 };
     if (this.calm.matches) {
       this.player.view = to;
       return;
     }
-    camera.view = from;
     // The shorter way around.
     const azimuth = from.azimuth + (((to.azimuth - from.azimuth + 540) % 360) - 180);
     this.flight = { from, to: { ...to, azimuth }, began: performance.now() };

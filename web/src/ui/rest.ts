@@ -1,9 +1,11 @@
 /** The part that is loaded once there is an image: controls, intros, VR and AR. */
 
 import type { Player } from "../player/player.ts";
+import { messageOf } from "../stream/errors.ts";
 import { listen } from "./actions.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { languageOf } from "./first_words.ts";
+import { addNotes } from "./notes.ts";
 import css from "./style.css";
 import { template } from "./template.ts";
 import { wordsOf } from "./words.ts";
@@ -19,5 +21,8 @@ export function addControls(host: ControlsHost, root: ShadowRoot, player: Player
   root.adoptedStyleSheets.push(sheet);
   const controls = new Controls(host, root, player);
   listen(root, controls, player.stop.signal);
+  const notes = host.getAttribute("data-marks");
+  if (notes !== null)
+    addNotes(notes, root, player, controls, wordsOf(host)).catch((error: unknown) => controls.notice(messageOf(error)));
   return controls;
 }

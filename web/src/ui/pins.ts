@@ -3,8 +3,7 @@
 import type { Player } from "../player/player.ts";
 import { add, centerOf, dot, middleOf, type Pinhole, placeIn } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
-import type { Mark } from "./api.ts";
-import { make } from "../ui/dom.ts";
+import { make } from "./dom.ts";
 import css from "./pins.css";
 
 const NEAR = 8; // pixels that a finger may move in a tap
@@ -18,16 +17,24 @@ export function pointAt(pinhole: Pinhole, x: number, y: number, near: Vector): V
   return [0, 1, 2].map((k) => eye[k] + r[k] * a + r[3 + k] * b + r[6 + k] * depth) as unknown as Vector;
 }
 
+interface Pinned {
+  readonly frame: number;
+  readonly view: { readonly place?: Vector | null } | null;
+}
+
 export class Pins {
   private readonly layer = make("div", { class: "pins" });
-  private marks: readonly Mark[] = [];
+  private marks: readonly Pinned[] = [];
   private writing = false;
   /** The place of the note that is being written; null for none. */
   chosen: Vector | null = null;
 
   constructor(private readonly player: Player) {
     const stage = player.canvas.parentElement!;
-    stage.append(this.layer, make("style", {}, css));
+    stage.append(this.layer);
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(css);
+    (stage.getRootNode() as ShadowRoot).adoptedStyleSheets.push(sheet);
     let began: PointerEvent | null = null;
     // Before the view and the comparison, which may keep the events to themselves.
     stage.addEventListener("pointerdown", (event) => {
@@ -52,7 +59,7 @@ export class Pins {
     this.draw();
   }
 
-  show(marks: readonly Mark[]): void {
+  show(marks: readonly Pinned[]): void {
     this.marks = marks;
     this.draw();
   }
