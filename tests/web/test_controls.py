@@ -391,3 +391,22 @@ def test_the_picture_fades_where_nothing_was_filmed(site: Site, baked: Baked, op
     assert "Not filmed from here" in page.handle.locator("v3-player .notice").text_content()
     page.call("setView", {"azimuth": 20})
     page.wait(f"{opacity} === 1")
+
+
+def test_a_device_reports_its_own_figures(stream: Path, open_page: OpenPage) -> None:
+    hurry = "{ const wait = setInterval; window.setInterval = (run, ms) => wait(run, ms === 1000 ? 20 : ms); }"
+    clipboard = ["clipboard-read", "clipboard-write"]
+    page = open_page("?report", hurry, size=(390, 844), permissions=clipboard)
+    report = page.handle.locator("v3-player .report")
+    report.get_by_role("status").filter(has_text="Measured").wait_for()
+    report.get_by_role("button", name="Copy").click()
+    page.wait("player.shadowRoot.querySelector('.notice.shown')")
+    lines = page.evaluate("() => navigator.clipboard.readText()").splitlines()
+    text = dict(line.split(": ", 1) for line in lines)
+    assert text["Seconds"] == "10 | 120"
+    assert text["Browser"] == page.evaluate("() => navigator.userAgent")
+    assert int(text["First image"].removesuffix(" ms")) > 0
+    size = page.evaluate("() => document.querySelector('v3-player').engine.screen.renderer.maxTexture")
+    assert text["Largest texture"].startswith(f"{size},")
+    assert len(text["Decode"].split(" | ")) == len(text["Dropped"].split(" | ")) == 2
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")

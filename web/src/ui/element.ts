@@ -474,6 +474,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
     });
     player.on("ready", () => {
       this.#isReady = true;
+      performance.mark("v3-first-image");
       this.busy(false);
       this.#find(".poster").classList.add("gone");
       this.classList.add("begun");

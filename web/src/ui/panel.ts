@@ -6,7 +6,7 @@ import { make } from "./dom.ts";
 import { bytes, count, milliseconds } from "./format.ts";
 import type { Words } from "./words.ts";
 
-function figures(player: Player, words: Words): [string, string][] {
+export function figures(player: Player, words: Words): [string, string][] {
   const names = words.figures;
   const { statistics: s, info, group, stream } = player;
   const { bandwidth } = stream.fetched;

@@ -6,6 +6,7 @@ import { listen } from "./actions.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { languageOf } from "./first_words.ts";
 import { addNotes } from "./notes.ts";
+import { addReport } from "./report.ts";
 import css from "./style.css";
 import { template } from "./template.ts";
 import { wordsOf } from "./words.ts";
@@ -24,5 +25,7 @@ export function addControls(host: ControlsHost, root: ShadowRoot, player: Player
   const notes = host.getAttribute("data-marks");
   if (notes !== null)
     addNotes(notes, root, player, controls, wordsOf(host)).catch((error: unknown) => controls.notice(messageOf(error)));
+  const isReport = host.hasAttribute("page") && new URLSearchParams(location.search).has("report");
+  if (isReport) addReport(root, player, controls, wordsOf(host));
   return controls;
 }

@@ -2,7 +2,7 @@
 
 import { FIRST_WORDS, type Language, languageOf } from "./first_words.ts";
 
-const ENGLISH = {
+export const ENGLISH = {
   ...FIRST_WORDS.en, pause: "Pause", soundOn: "Turn sound on", soundOff: "Turn sound off", time: "Time",
   reset: "Reset view", share: "Share", vr: "Watch in VR", ar: "Place in the room (AR)", statistics: "Statistics",
   settings: "Settings", full: "Full screen", notFull: "Exit full screen", help: "Help", close: "Close", more: "More",
@@ -11,6 +11,8 @@ const ENGLISH = {
   keys: "Arrow keys turn, Shift and arrow keys move, plus and minus zoom, R resets the view, Space plays and pauses. Question mark: all keys.",
   updated: "This take was updated.", showUpdated: "Show the new version",
   notes: (count: number) => (count === 1 ? "1 note" : `${count} notes`), next: "Next",
+  report: "Report of this device", copy: "Copy", reportCopied: "Report copied.", measured: "Measured. Copy the report and send it.",
+  measuring: (at: number, end: number) => `Measuring: ${at} of ${end} s of playback`,
   drag: "Drag to turn", pinch: "pinch to zoom", scroll: "scroll to zoom",
   link: "Link", linkTo: "Link to this time and view", whichLink: "Which link",
   copyYourself: "This browser does not let the page copy: copy the selected link yourself.",
@@ -58,6 +60,8 @@ const GERMAN: Words = {
   keys: "Pfeiltasten drehen, Umschalt und Pfeiltasten verschieben, Plus und Minus zoomen, R setzt die Ansicht zurück, die Leertaste spielt ab und hält an. Fragezeichen: alle Tasten.",
   updated: "Diese Aufnahme wurde erneuert.", showUpdated: "Neue Fassung zeigen",
   notes: (count) => (count === 1 ? "1 Anmerkung" : `${count} Anmerkungen`), next: "Weiter",
+  report: "Bericht dieses Geräts", copy: "Kopieren", reportCopied: "Bericht kopiert.", measured: "Gemessen. Kopieren und senden Sie den Bericht.",
+  measuring: (at, end) => `Messung: ${at} von ${end} s Wiedergabe`,
   drag: "Ziehen zum Drehen", pinch: "zwei Finger zum Zoomen", scroll: "Mausrad zum Zoomen",
   link: "Link", linkTo: "Link zu Zeit und Ansicht", whichLink: "Welcher Link",
   copyYourself: "Dieser Browser lässt die Seite nicht kopieren: Kopieren Sie den markierten Link selbst.",
@@ -100,6 +104,8 @@ const JAPANESE: Words = {
   keys: "矢印キーで回転、Shiftと矢印キーで移動、プラスとマイナスでズーム、Rで視点をリセット、スペースで再生と一時停止。疑問符ですべてのキーを表示。",
   updated: "このテイクは更新されました。", showUpdated: "新しい版を表示",
   notes: (count) => `メモ${count}件`, next: "次へ",
+  report: "この端末のレポート", copy: "コピー", reportCopied: "レポートをコピーしました。", measured: "測定が終わりました。レポートをコピーして送ってください。",
+  measuring: (at, end) => `測定中: 再生${end}秒中${at}秒`,
   drag: "ドラッグで回転", pinch: "ピンチでズーム", scroll: "スクロールでズーム",
   link: "リンク", linkTo: "この時間と視点へのリンク", whichLink: "リンクの種類",
   copyYourself: "このブラウザではページからコピーできません。選択されたリンクを手動でコピーしてください。",
