@@ -2,7 +2,7 @@
 //
 // node pack.mjs FOLDER PAGES
 //
-// PAGES is the folder for the page of a cast, whose script includes three.js and Spark.
+// PAGES is the folder for the script of a cast's page, which includes three.js and Spark.
 import { build } from "esbuild";
 import { spawnSync } from "node:child_process";
 import { copyFile, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
@@ -32,7 +32,6 @@ await build({
 
 await rm(pages, { recursive: true, force: true });
 await build({ ...common, plugins, entryPoints: { "v3-cast": "engines/cast.ts" }, format: "esm", outdir: pages });
-await copyFile(join(here, "engines", "cast.html"), join(pages, "index.html"));
 const bundled = ["three", "@sparkjsdev/spark", "fflate"].map(async (name) => {
   const license = await readFile(join(here, "engines", "node_modules", name, "LICENSE"), "utf8");
   return `${name}\n\n${license.trim()}\n`;

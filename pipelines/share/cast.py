@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from v3studio.pipelines.share.page import PAGE_NAME, PageText
+from v3studio.pipelines.share.page import PAGE_NAME, PageText, cast_page, preview_tags, script_elements
 from v3studio.pipelines.share.player_files import hashed_name, player_folder
 from v3studio.pipelines.share.shared_folder import SharedFolder, shared_folder
 from v3studio.pipelines.share.stream_to_share import stream_to_share
@@ -116,16 +115,18 @@ def read_cast(path: Path) -> Cast:
         raise StudioError("share.bad_cast", problem, file=path, fix=fix, key=where) from None
 
 
-def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) -> tuple[str, dict[str, int]]:
+def write_cast(
+    source: Path, out: Path, text: PageText, images: tuple[bytes, bytes] | None, progress: ProgressFn
+) -> tuple[str, dict[str, int]]:
     """Write the page of a cast into a folder; returns its title, and the bytes of each file. Without `text`, title,
-    credits and license are the document's and the streams'.
+    credits and license are the document's and the streams'. `images`: poster and preview, from `cast_images`.
 
     StudioError: `share.bad_cast` (also for a text that the page has no place for), `share.no_player`, no stream where
     an item names one, or a disk that is full.
     """
     cast = read_cast(source)
     page, script, licenses = _page_files()
-    unused = [name for name in ("description", "intro", "view", "marks", "address") if getattr(text, name) is not None]
+    unused = [name for name in ("intro", "view", "marks") if getattr(text, name) is not None]
     if unused:
         fix = f"Leave out {' and '.join('--' + name for name in unused)}."
         raise StudioError("share.bad_cast", f"the page of a cast has no {unused[0]}", file=source, fix=fix)
@@ -155,8 +156,15 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
         folder.write(name, script)
         folder.write(LICENSES_NAME, licenses)
         folder.write(CAST_NAME, json.dumps(document, indent=1).encode())
-        filled = page.replace("<title>V3 Studio</title>", f"<title>{escape(title)}</title>").replace(SCRIPT_NAME, name)
-        filled = filled.replace("<footer></footer>", f"<footer>{escape(_credits(text, streams))}</footer>")
+        pictures = {}
+        if images is not None:
+            names = (hashed_name("poster.jpg", images[0]), hashed_name("preview.jpg", images[1]))
+            pictures = dict(zip(names, images, strict=True))
+        for picture, data in pictures.items():
+            folder.write(picture, data)
+        poster, preview = pictures or (None, None)
+        tags = preview_tags(replace(text, credits=_credits(text, streams), license=None), preview)
+        filled = cast_page(page, script_elements([name]), title, _credits(text, streams), poster, tags)
         folder.write(PAGE_NAME, filled.encode())
         progress(len(cast.items), len(cast.items))
     return title, folder.written
@@ -165,9 +173,9 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
 def _page_files() -> tuple[str, bytes, bytes]:
     """Page, script and licenses."""
     try:
-        folder = player_folder() / "cast"
-        page = (folder / "index.html").read_text(encoding="utf-8")
-        return page, (folder / SCRIPT_NAME).read_bytes(), (folder / LICENSES_NAME).read_bytes()
+        folder = player_folder()
+        page, cast = (folder / "index.html").read_text(encoding="utf-8"), folder / "cast"
+        return page, (cast / SCRIPT_NAME).read_bytes(), (cast / LICENSES_NAME).read_bytes()
     except OSError as error:
         problem = "the page of a cast is not built"
         raise StudioError("share.no_player", problem, fix="Run `make web-package`.") from error

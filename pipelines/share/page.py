@@ -89,9 +89,6 @@ def player_page(
         link: address relative to the page that links to it begin with; None for its own.
         first: files of the stream with which playback begins (`first_files`).
     """
-    if any(built.count(part) != 1 for part in (_SCRIPT, _TITLE, _HEAD)) or len(_PLAYER.findall(built)) != 1:
-        problem = "the built player is from another version of the program"
-        raise StudioError("share.unknown_player", problem, fix="Run `make web`.")
     text = text.plain()
     attribute_values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
     attribute_values |= {"data-license": text.license, "data-description": text.description, "data-link": link}
@@ -102,14 +99,33 @@ def player_page(
             attribute_values[attribute] = f"#{name}"
             script = f'<script type="application/json" id="{name}">{_in_json(held)}</script>\n{script}'
     attributes = [f'{name}="{escape(value)}"' for name, value in attribute_values.items() if value]
+    inside = ""
     if not stream.startswith("#"):
         head = [_early_files(stream, first), *head]
-    inside = ""
-    if poster and not stream.startswith("#"):  # seen before the script has arrived
-        caption = f"<h1>{escape(text.title)}</h1>" if text.title else ""
-        inside = f'<img src="{escape(poster)}" alt="" fetchpriority="high">{caption}'
+        inside = _first_seen(text.title, poster)
     element = f"<v3-player {' '.join(attributes)} page autoplay loop controls>{inside}</v3-player>"
-    page = built.replace(_TITLE, f"<title>{escape(text.title or 'V3 Player')}</title>")
+    return _filled(built, element, script, text.title or "V3 Player", head)
+
+
+def cast_page(built: str, script: str, title: str, credits: str, poster: str | None, head: Sequence[str]) -> str:
+    """The built page, filled in for a cast, whose document is beside it. `script`: element that loads its script."""
+    element = f'<v3-cast data-credits="{escape(credits)}" page controls>{_first_seen(title, poster)}</v3-cast>'
+    return _filled(built, element, script, title, head)
+
+
+def _first_seen(title: str | None, poster: str | None) -> str:
+    """What is seen before the script has arrived."""
+    caption = f"<h1>{escape(title)}</h1>" if title else ""
+    return f'<img src="{escape(poster)}" alt="" fetchpriority="high">{caption}' if poster else ""
+
+
+def _filled(built: str, element: str, script: str, title: str, head: Sequence[str]) -> str:
+    """The built page with another element, script, title and more elements in its head. StudioError:
+    `share.unknown_player`."""
+    if any(built.count(part) != 1 for part in (_SCRIPT, _TITLE, _HEAD)) or len(_PLAYER.findall(built)) != 1:
+        problem = "the built player is from another version of the program"
+        raise StudioError("share.unknown_player", problem, fix="Run `make web`.")
+    page = built.replace(_TITLE, f"<title>{escape(title)}</title>")
     page = page.replace(_HEAD, "\n".join([f'<meta name="generator" content="{GENERATOR} {program_version()}">', *head]))
     page = _PLAYER.sub(lambda _: element, page)
     return page.replace(_SCRIPT, script)

@@ -59,10 +59,7 @@ class StreamToShare:
 
     def preview(self) -> bytes:
         """The first view for link previews, JPEG: all of it, and more on its sides or above and below."""
-        view, (width, height) = self._first_view(), PREVIEW_SIZE
-        whole = view.scaled(min(width / view.width, height / view.height))
-        left, top = (whole.width - width) // 2, (whole.height - height) // 2
-        return self._image(whole.cropped(left, top, width, height))
+        return self._image(preview_view(self._first_view()))
 
     def _first_view(self) -> Camera:
         """The view from the suggested camera at eye level, or the front."""
@@ -92,6 +89,13 @@ class StreamToShare:
         tags = preview_tags(text, preview_name)
         page = player_page(player.page, script_elements(hashed), manifest, text, poster_name, tags, first=first)
         return {poster_name: poster, preview_name: preview, **hashed, PAGE_NAME: page.encode()}
+
+
+def preview_view(view: Camera) -> Camera:
+    """The camera of a link preview: all of a view, and more on its sides or above and below."""
+    width, height = PREVIEW_SIZE
+    whole = view.scaled(min(width / view.width, height / view.height))
+    return whole.cropped((whole.width - width) // 2, (whole.height - height) // 2, width, height)
 
 
 @contextmanager

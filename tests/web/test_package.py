@@ -50,6 +50,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         command = ["make", "--no-print-directory", "web-package", f"PACKAGE={folder / 'package'}"]
         command += [f"CAST={folder / 'player' / 'cast'}", *kept]
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+        shutil.copy2(WEB / "src" / "index.html", folder / "player")
         modules = folder / "node_modules"
         [archive] = folder.glob("*.tgz")
         with tarfile.open(archive) as packed:
@@ -327,6 +328,7 @@ def test_a_cast_has_performers_in_their_places_with_shadows(
     document = {
         "format": "v3studio-cast",
         "version": 1,
+        "title": "Two",
         "background": [0, 0, 1],
         "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0]},
         "ground": {"color": [0.8, 0.8, 0.8], "shadow": 0.9},
@@ -344,12 +346,17 @@ def test_a_cast_has_performers_in_their_places_with_shadows(
     frames = "cast.parts.map(({performer}) => performer.playback.frame)"
     page.handle.wait_for_function(f"globalThis.cast?.parts.length === 2 && {frames}[0] > 2")
     assert page.evaluate(f"() => {frames}[1]") == 0  # it has not begun
-    page.handle.locator("button").click()
-    assert page.handle.locator("button").inner_text() == "Play"
-    page.evaluate("() => cast.parts[0].performer.playback.seekFrame(3)")
+    page.handle.get_by_role("button", name="Pause").click()
+    page.handle.get_by_role("button", name="Play").wait_for()
+    timeline = page.handle.get_by_role("slider", name="Time")
+    timeline.press("Home")
+    for _ in range(3):
+        timeline.press("ArrowRight")
     page.handle.wait_for_function(f"{frames}[0] === 3")
+    assert page.evaluate("() => cast.clock.frame") == 3
     look = """([performers, posts]) => {
-      for (const part of document.querySelectorAll("button, footer")) part.hidden = true;
+      const {shadowRoot} = document.querySelector("v3-cast");
+      for (const part of shadowRoot.querySelectorAll(".bar, .top, .hint")) part.hidden = true;
       for (const {performer} of cast.parts) performer.visible = performers;
       cast.scene.traverse((object) => { if (object.name === "post") object.visible = posts; });
     }"""
@@ -379,3 +386,15 @@ def test_a_cast_has_performers_in_their_places_with_shadows(
     cast.close()
     off = np.abs(pixels.astype(int) - hidden)[np.isfinite(depth)]
     assert np.quantile(off, 0.99) < 10
+    # On a phone, the field of view shows both to the sides.
+    page.handle.set_viewport_size({"width": 120, "height": 260})
+    page.handle.wait_for_function("cast.camera.aspect < 0.5")
+    page.evaluate(look, [True, False])
+    ends = page.evaluate(
+        """() => cast.parts.flatMap(({performer}) => {
+          const {min, max} = performer.box.applyMatrix4(performer.parent.matrixWorld);
+          return [min, max].map((corner) => corner.project(cast.camera).x);
+        })"""
+    )
+    assert max(map(abs, ends)) <= 1
+    assert max(map(abs, ends)) > 0.6

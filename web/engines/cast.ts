@@ -1,12 +1,16 @@
 /** The page of a cast: several streams with static splats and models, as `cast.json` beside the page says (docs/guides/web.md). */
 
 import { SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
-import { CircleGeometry, Color, HemisphereLight, MathUtils, Mesh, MeshStandardMaterial } from "three";
+import { type Box3, CircleGeometry, Color, HemisphereLight, MathUtils, Mesh, MeshStandardMaterial } from "three";
 import { type Object3D, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { CastPage } from "./cast_page.ts";
+import { CastClock, type Part } from "./cast_clock.ts";
 import { ContactShadow } from "./contact_shadow.ts";
 import { V3Performer } from "./three.ts";
+import { pixelRatio } from "../src/render/gl.ts";
+import { messageOf } from "../src/stream/errors.ts";
 
 type Triple = [number, number, number];
 
@@ -27,23 +31,14 @@ interface Cast {
   readonly items: readonly Item[];
 }
 
-/** A stream and when it begins, in seconds of the page's clock. */
-interface Part {
-  readonly performer: V3Performer;
-  readonly start: number;
-}
-
+const page = new CastPage(document.querySelector<HTMLElement>("v3-cast")!);
+const report = (error: unknown): void => page.notice(messageOf(error));
 const cast = (await (await fetch("cast.json")).json()) as Cast;
-const renderer = new WebGLRenderer();
-document.body.prepend(renderer.domElement);
+const renderer = page.attempt(() => new WebGLRenderer({ canvas: page.canvas }));
 const spark = new SparkRenderer({ renderer, blurAmount: 0 });
 const scene = new Scene();
 scene.background = new Color().setRGB(...cast.background, "srgb");
 scene.add(spark, new HemisphereLight(0xffffff, 0x606060, Math.PI));
-const message = document.querySelector("p")!;
-const report = (error: unknown): void => {
-  message.textContent = error instanceof Error ? error.message : String(error);
-};
 
 function place(object: Object3D, { position, turn, scale }: Item): void {
   object.position.set(...position);
@@ -95,43 +90,48 @@ if (cast.ground !== null) {
 }
 const camera = new PerspectiveCamera(cast.camera.fov, 1, 0.05, 200);
 camera.position.set(...cast.camera.position);
-const controls = new OrbitControls(camera, renderer.domElement);
+const controls = new OrbitControls(camera, page.stage);
 controls.target = new Vector3(...cast.camera.target);
+controls.listenToKeyEvents(page.stage);
 controls.update();
-const resize = (): void => {
-  camera.aspect = innerWidth / innerHeight;
-  camera.updateProjectionMatrix();
-  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-  renderer.setSize(innerWidth, innerHeight);
-};
-addEventListener("resize", resize);
-resize();
+controls.saveState();
+camera.updateMatrixWorld();
+const first = camera.matrixWorldInverse.clone();
 const parts: Part[] = [];
 for (const result of await Promise.allSettled(cast.items.map(add))) {
   if (result.status === "rejected") report(result.reason);
   else if (result.value !== null) parts.push(result.value);
 }
 
-/** Seconds of the page's clock, which begins when everything is there. */
-let clock = 0;
+/** How far to the side everybody reaches in the first view: the largest |x / z|. */
+function reach(box: Box3): number {
+  const { min, max } = box;
+  const corners = [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new Vector3(x, y, z))));
+  const seen = corners.map((corner) => corner.applyMatrix4(first)).filter(({ z }) => z < 0);
+  return Math.max(0, ...seen.map(({ x, z }) => Math.abs(x / z)));
+}
+
+scene.updateMatrixWorld();
+const wide = 1.05 * Math.max(0, ...parts.map(({ performer }) => reach(performer.box.applyMatrix4(performer.parent!.matrixWorld))));
+const half = Math.tan(MathUtils.degToRad(cast.camera.fov / 2));
+page.resized((width, height) => {
+  camera.aspect = width / height;
+  // On a phone, the document's field of view would show the middle only.
+  camera.fov = 2 * MathUtils.radToDeg(Math.atan(Math.max(half, wide / camera.aspect)));
+  camera.updateProjectionMatrix();
+  renderer.setPixelRatio(pixelRatio());
+  renderer.setSize(width, height, false);
+});
+const clock = new CastClock(parts);
+page.begin(clock, () => controls.reset());
+controls.addEventListener("start", () => page.turned());
 let last = performance.now();
-let playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-const button = document.querySelector("button")!;
-const setPlaying = (now: boolean): void => {
-  playing = now;
-  button.textContent = playing ? "Pause" : "Play";
-  if (!playing) for (const { performer } of parts) performer.playback.pause();
-};
-setPlaying(playing);
-button.hidden = false;
-button.addEventListener("click", () => setPlaying(!playing));
 renderer.setAnimationLoop(() => {
   const now = performance.now();
-  if (playing) clock += Math.min(now - last, 250) / 1000;
+  clock.advance(Math.min(now - last, 250) / 1000);
   last = now;
-  // A stream that has not begun shows its first frame.
-  if (playing) for (const { performer, start } of parts) if (clock >= start) performer.playback.play();
   if (parts.length > 0) spark.preBlurAmount = parts[0].performer.dilation;
   renderer.render(scene, camera);
 });
-Object.assign(globalThis, { cast: { camera, parts, scene, setPlaying } });
+if (!matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
+Object.assign(globalThis, { cast: { camera, clock, parts, scene } });

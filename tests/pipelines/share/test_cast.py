@@ -1,15 +1,19 @@
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
 from tests.support.errors import refuses
+from tests.support.splats import noise, round_splats
 from tests.support.streams import bake_numbered, contents, edit_manifest
 from v3studio.pipelines.share.cast import read_cast
 from v3studio.pipelines.share.page import PageText
 from v3studio.pipelines.share.sharing import share
+from v3studio.studio.formats import ply
 
 ROOT = Path(__file__).parents[3]
 ITEM = {"stream": "walk"}
@@ -20,13 +24,12 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the stream `walk`, splats, and the built page."""
     said = {"credits": "Jane <Doe>", "license": "CC BY 4.0"}
     edit_manifest(bake_numbered(tmp_path / "walk", [2], 25.0), lambda manifest: manifest.update(metadata=said))
-    (tmp_path / "a chair #1.ply").write_bytes(b"ply")
+    ply.write(tmp_path / "a chair #1.ply", round_splats(noise(3)(20, 3), -2.0, 0.9))
     built = tmp_path / "player" / "cast"
     built.mkdir(parents=True)
     (built / "v3-cast.js").write_text("run()")
     (built / "licenses.txt").write_text("MIT")
-    page = '<title>V3 Studio</title><script type="module" src="v3-cast.js"></script><footer></footer>'
-    (built / "index.html").write_text(page)
+    shutil.copy2(ROOT / "web" / "src" / "index.html", built.parent)
     monkeypatch.setattr("v3studio.pipelines.share.cast.player_folder", lambda: built.parent)
     return tmp_path
 
@@ -46,15 +49,24 @@ def test_the_page_has_each_stream_once(place: Path) -> None:
     assert contents((site / first["stream"]).parent) == contents(place / "walk")
     assert (second["stream"], second["start"], second["turn"]) == (first["stream"], 1.5, [0, 90, 0])
     assert third["scale"] == 2
-    assert (site / third["splats"].replace("%20", " ").replace("%23", "#")).read_bytes() == b"ply"
+    copied = site / third["splats"].replace("%20", " ").replace("%23", "#")
+    assert copied.read_bytes() == (place / "a chair #1.ply").read_bytes()
     page = (site / "index.html").read_text()
     assert "<title>Two &amp; a chair</title>" in page
-    assert "Jane &lt;Doe&gt;, CC BY 4.0</footer>" in page
+    assert 'data-credits="Jane &lt;Doe&gt;, CC BY 4.0"' in page
+    # What is there without a script, and in a link preview.
+    assert "<noscript>" in page
+    [poster], [preview] = site.glob("poster.*.jpg"), site.glob("preview.*.jpg")
+    assert f'<img src="{poster.name}"' in page
+    assert "<h1>Two &amp; a chair</h1>" in page
+    assert f'<meta property="og:image" content="{preview.name}">' in page
+    assert cv2.imread(str(preview)).shape == (630, 1200, 3)
+    assert cv2.imread(str(poster)).std() > 1
     [script] = site.glob("v3-cast.*.js")
     assert f'src="{script.name}"' in page
     assert shared.total_bytes == sum(path.stat().st_size for path in site.rglob("*") if path.is_file())
     share(cast, site, PageText(title="Other", credits="Somebody"), overwrite=True)
-    assert "Somebody</footer>" in (site / "index.html").read_text()
+    assert 'data-credits="Somebody"' in (site / "index.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, i
 import { claim, release, type Tenant, watch } from "./contexts.ts";
 import type { Controls, ControlsHost } from "./controls.ts";
 import css from "./first.css";
-import { FIRST_WORDS, languageOf } from "./first_words.ts";
-import * as ICONS from "./icons.ts";
+import { firstTemplate } from "./first_template.ts";
+import { languageOf } from "./first_words.ts";
 import { parseView } from "./link.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 
@@ -65,16 +65,6 @@ declare global {
   // eslint-disable-next-line @typescript-eslint/no-empty-object-type
   interface HTMLElementEventMap extends V3PlayerEventMap {}
 }
-
-const template = ({ kind, video, play, loading, again }: (typeof FIRST_WORDS)["en"]): string => `
-<div class="stage" tabindex="0" role="application" aria-roledescription="${kind}" aria-label="${video}" aria-describedby="about keys">
-  <canvas></canvas>
-  <button type="button" class="start" data-act="start" aria-label="${play}" hidden>${ICONS.play}</button>
-</div>
-<p class="unseen" id="about"></p>
-<div class="poster"><slot><img alt="" hidden></slot></div>
-<div class="veil"><div class="spinner" role="status" aria-label="${loading}"></div></div>
-<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">${again}</button></p></div></div>`;
 
 /** Files of a stream in this page: base64 in script elements below the element that `selector` names. */
 function embeddedFiles(selector: string): EmbeddedFiles {
@@ -346,7 +336,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
 
   #build(): void {
     const language = languageOf(this);
-    this.#root.innerHTML = template(FIRST_WORDS[language]);
+    this.#root.innerHTML = firstTemplate(language);
     for (const part of this.#root.children) if (part instanceof HTMLElement) part.lang = language;
     // Not by <style>, which a page's Content-Security-Policy may forbid.
     styles ??= new CSSStyleSheet();

@@ -7,7 +7,7 @@ import { helpRow } from "./help.ts";
 import * as ICONS from "./icons.ts";
 import type { Words } from "./words.ts";
 
-const button = (act: string, label: string, icon: string, more = ""): string =>
+export const button = (act: string, label: string, icon: string, more = ""): string =>
   `<button type="button" data-act="${act}" aria-label="${label}" title="${label}" ${more}>${icon}</button>`;
 
 /** A group of radio buttons. `more`: attributes of what is seen. */

@@ -1,0 +1,138 @@
+/** The page of a cast around its scene: the player's own bar, title, hint and poster. */
+
+import type { Player } from "../src/player/player.ts";
+import { messageOf } from "../src/stream/errors.ts";
+import css from "../src/ui/first.css";
+import { firstTemplate } from "../src/ui/first_template.ts";
+import { languageOf } from "../src/ui/first_words.ts";
+import { clock as clockText } from "../src/ui/format.ts";
+import { Hint } from "../src/ui/hint.ts";
+import * as ICONS from "../src/ui/icons.ts";
+import more from "../src/ui/style.css";
+import { button } from "../src/ui/template.ts";
+import { Timeline } from "../src/ui/timeline.ts";
+import { wordsOf } from "../src/ui/words.ts";
+import type { CastClock } from "./cast_clock.ts";
+
+const IDLE = 3000; // milliseconds without input until the bar hides
+const NOTICE = 5000;
+
+export class CastPage {
+  readonly stage: HTMLElement;
+  readonly canvas: HTMLCanvasElement;
+  private readonly root: ShadowRoot;
+  private readonly words;
+  private readonly hint: Hint;
+  private clock: CastClock | null = null;
+  private idle = 0;
+  private noticed = 0;
+
+  constructor(private readonly host: HTMLElement) {
+    const words = (this.words = wordsOf(host));
+    const root = (this.root = host.attachShadow({ mode: "open" }));
+    root.adoptedStyleSheets = [css, more].map((text) => {
+      const sheet = new CSSStyleSheet();
+      sheet.replaceSync(text);
+      return sheet;
+    });
+    root.innerHTML = `${firstTemplate(languageOf(host))}
+<div class="top"><header class="head"><h1 class="title"></h1><p class="credits"></p></header><div class="notice" role="status" aria-live="polite"></div></div>
+<div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
+<div class="bar">
+  <div class="timeline" role="slider" tabindex="0" aria-label="${words.time}" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
+  <div class="buttons">${button("play", words.play, ICONS.play)}
+    <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div><div class="gap"></div>
+    ${button("reset", words.reset, ICONS.reset)}${button("full", words.full, ICONS.full)}</div>
+</div>`;
+    for (const part of root.children) if (part instanceof HTMLElement) part.lang = languageOf(host);
+    this.stage = this.part(".stage");
+    this.canvas = root.querySelector("canvas")!;
+    this.hint = new Hint(this.part(".hint"));
+    this.part(".title").textContent = document.title;
+    this.part(".credits").textContent = host.dataset["credits"] ?? "";
+    this.part("[data-act='again']").addEventListener("click", () => location.reload());
+    this.part("[data-act='full']").hidden = !document.fullscreenEnabled;
+    this.part(".veil").classList.add("busy");
+  }
+
+  /** What it returns; if it fails, the page says why. */
+  attempt<T>(make: () => T): T {
+    try {
+      return make();
+    } catch (error) {
+      this.part(".veil").classList.remove("busy");
+      this.part(".why").textContent = messageOf(error);
+      this.part(".failure").hidden = false;
+      throw error;
+    }
+  }
+
+  /** Calls `use` with width and height, now and when they change. */
+  resized(use: (width: number, height: number) => void): void {
+    new ResizeObserver(() => use(this.stage.clientWidth || 1, this.stage.clientHeight || 1)).observe(this.stage);
+  }
+
+  /** Shows the scene and the bar. */
+  begin(clock: CastClock, reset: () => void): void {
+    const { host, root } = this;
+    this.clock = clock;
+    const toggle = (): void => (clock.playing ? clock.pause() : clock.play());
+    const acts: Partial<Record<string, () => void>> = {
+      play: toggle, reset, full: () => void (document.fullscreenElement === null ? host.requestFullscreen() : document.exitFullscreen()),
+    };
+    const keys: Partial<Record<string, string>> = { " ": "play", k: "play", r: "reset", f: "full" };
+    root.addEventListener("click", (event) => acts[(event.target as Element).closest<HTMLElement>("button")?.dataset["act"] ?? ""]?.());
+    host.addEventListener("keydown", (event) => {
+      const act = acts[keys[event.key.toLowerCase()] ?? ""];
+      if (act === undefined || event.ctrlKey || event.metaKey || event.altKey || (event.key === " " && (event.composedPath()[0] as Element).matches("button"))) return;
+      event.preventDefault();
+      act();
+    });
+    for (const kind of ["pointermove", "pointerdown", "keydown"]) host.addEventListener(kind, () => this.awake());
+    // It needs the clock only.
+    const timeline = new Timeline(this.part(".timeline"), clock as unknown as Player, this.words);
+    clock.on("frame", ({ frame, seconds }) => {
+      timeline.update(frame);
+      this.part(".now").textContent = clockText(seconds);
+    });
+    for (const name of ["play", "pause"] as const) clock.on(name, () => this.showPlaying());
+    this.part(".total").textContent = `/ ${clockText(clock.duration)}`;
+    this.part(".veil").classList.remove("busy");
+    this.part(".poster").classList.add("gone");
+    host.classList.add("begun");
+    this.hint.show(true, this.words);
+    this.showPlaying();
+  }
+
+  /** The viewer has turned the view. */
+  turned(): void {
+    this.hint.turned();
+  }
+
+  notice(message: string): void {
+    const element = this.part(".notice");
+    element.textContent = message;
+    element.classList.add("shown");
+    clearTimeout(this.noticed);
+    this.noticed = window.setTimeout(() => element.classList.remove("shown"), NOTICE);
+  }
+
+  private showPlaying(): void {
+    const playing = this.clock?.playing === true;
+    const play = this.part(".bar [data-act='play']");
+    play.innerHTML = playing ? ICONS.pause : ICONS.play;
+    play.title = playing ? this.words.pause : this.words.play;
+    play.setAttribute("aria-label", play.title);
+    this.awake();
+  }
+
+  private awake(): void {
+    this.host.classList.remove("idle");
+    clearTimeout(this.idle);
+    this.idle = window.setTimeout(() => this.host.classList.toggle("idle", this.clock?.playing === true), IDLE);
+  }
+
+  private part(selector: string): HTMLElement {
+    return this.root.querySelector<HTMLElement>(selector)!;
+  }
+}
