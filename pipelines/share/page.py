@@ -79,6 +79,7 @@ def player_page(
     head: Sequence[str] = (),
     link: str | None = None,
     first: Sequence[str] = (),
+    seconds: float | None = None,
 ) -> str:
     """The built page, filled in.
 
@@ -88,6 +89,7 @@ def player_page(
         poster: address of the image to show until the first frame is rendered.
         link: address relative to the page that links to it begin with; None for its own.
         first: files of the stream with which playback begins (`first_files`).
+        seconds: duration, which is shown beside the title on the poster.
     """
     text = text.plain()
     attribute_values = {"src": stream, "poster": poster, "data-title": text.title, "data-credits": text.credits}
@@ -102,7 +104,7 @@ def player_page(
     inside = ""
     if not stream.startswith("#"):
         head = [_early_files(stream, first), *head]
-        inside = _first_seen(text.title, poster)
+        inside = _first_seen(text.title, poster, seconds)
     element = f"<v3-player {' '.join(attributes)} page autoplay loop controls>{inside}</v3-player>"
     return _filled(built, element, script, text.title or "V3 Player", head)
 
@@ -113,9 +115,11 @@ def cast_page(built: str, script: str, title: str, credits: str, poster: str | N
     return _filled(built, element, script, title, head)
 
 
-def _first_seen(title: str | None, poster: str | None) -> str:
+def _first_seen(title: str | None, poster: str | None, seconds: float | None = None) -> str:
     """What is seen before the script has arrived."""
-    caption = f"<h1>{escape(title)}</h1>" if title else ""
+    whole = max(1, round(seconds or 0))
+    duration = "" if seconds is None else f" <small>{whole // 60}:{whole % 60:02d}</small>"
+    caption = f"<h1>{escape(title or '')}{duration}</h1>" if title or duration else ""
     return f'<img src="{escape(poster)}" alt="" fetchpriority="high">{caption}' if poster else ""
 
 

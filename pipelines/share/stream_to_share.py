@@ -87,7 +87,9 @@ class StreamToShare:
         hashed = player.hashed()
         first = first_files(self.reader.manifest_bytes)
         tags = preview_tags(text, preview_name)
-        page = player_page(player.page, script_elements(hashed), manifest, text, poster_name, tags, first=first)
+        seconds = self.reader.manifest.duration
+        scripts = script_elements(hashed)
+        page = player_page(player.page, scripts, manifest, text, poster_name, tags, first=first, seconds=seconds)
         return {poster_name: poster, preview_name: preview, **hashed, PAGE_NAME: page.encode()}
 
 

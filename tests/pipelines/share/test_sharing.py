@@ -96,6 +96,7 @@ def test_a_folder_holds_all_that_its_page_names_and_the_same_stream(stream: Path
         TEXT.title, TEXT.credits, TEXT.license,
     )  # fmt: skip
     assert page.texts[0][1].strip() == TEXT.title
+    assert b"&quot;more&quot; <small>0:01</small></h1>" in files["index.html"]
     assert (page.preview["og:title"], page.preview["og:url"]) == (TEXT.title, "https://example.org/walk/")
     image = str(page.preview["og:image"]).removeprefix("https://example.org/walk/")
     height, width, _ = cv2.imread(str(shared.path / image)).shape
