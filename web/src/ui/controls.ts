@@ -6,6 +6,7 @@ import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
 import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
+import { languageOf } from "./first_words.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
 import { type HelpLine, helpRow } from "./help.ts";
@@ -16,7 +17,7 @@ import { Motion } from "./motion.ts";
 import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
 import { Timeline } from "./timeline.ts";
-import { type Words, wordsOf } from "./words.ts";
+import { inLanguage, type Words, wordsOf } from "./words.ts";
 
 const IDLE = 3000; // milliseconds without user input until the controls hide
 const NOTICE = 5000;
@@ -214,7 +215,7 @@ export class Controls {
 
   notice(message: string): void {
     const element = this.part(".notice");
-    element.textContent = message;
+    element.textContent = inLanguage(message, languageOf(this.host));
     element.classList.add("shown");
     clearTimeout(this.noticeTimer);
     this.noticeTimer = setTimeout(() => element.classList.remove("shown"), NOTICE);

@@ -510,7 +510,11 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
   /** Says why nothing can be played, over the poster if there is one. */
   #fail(message: string): void {
     this.busy(false);
-    this.#find(".why").textContent = message;
+    const why = this.#find(".why");
+    why.textContent = message;
+    const language = languageOf(this);
+    if (language !== "en")
+      import("./rest.ts").then(({ inLanguage }) => (why.textContent = inLanguage(message, language)), () => undefined);
     this.#find(".failure").hidden = false;
     this.#tell("v3-error", message);
   }

@@ -12,6 +12,7 @@ import { template } from "./template.ts";
 import { wordsOf } from "./words.ts";
 
 export { flyPath, loadPath } from "./intro.ts";
+export { inLanguage } from "./words.ts";
 
 /** Adds the controls to a player's element. */
 export function addControls(host: ControlsHost, root: ShadowRoot, player: Player): Controls {

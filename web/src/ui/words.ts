@@ -141,3 +141,39 @@ const JAPANESE: Words = {
 const TABLES: Readonly<Record<Language, Words>> = { en: ENGLISH, de: GERMAN, ja: JAPANESE };
 
 export const wordsOf = (element: HTMLElement): Words => TABLES[languageOf(element)];
+
+/** What viewers are told of streams, in English with {} for what changes, and in the other languages. */
+export const MESSAGES: Readonly<Record<string, readonly [german: string, japanese: string]>> = {
+  "{}; trying again.": ["{}; neuer Versuch.", "{}。再試行しています。"],
+  "{} Frames {} to {} are skipped.": ["{} Die Bilder {} bis {} werden übersprungen.", "{}フレーム{}から{}をスキップします。"],
+  "The server cannot be reached.": ["Der Server ist nicht erreichbar.", "サーバーに接続できません。"],
+  "The server does not respond.": ["Der Server antwortet nicht.", "サーバーが応答しません。"],
+  "The connection was interrupted.": ["Die Verbindung wurde unterbrochen.", "接続が中断されました。"],
+  "The connection timed out.": ["Die Verbindung brach wegen Zeitüberschreitung ab.", "接続がタイムアウトしました。"],
+  "The connection ended early.": ["Die Verbindung endete zu früh.", "接続が途中で終了しました。"],
+  "{} cannot be fetched: the server returned status {}.": ["{} ist nicht abrufbar: Der Server meldet Status {}.", "{}を取得できません: サーバーがステータス{}を返しました。"],
+  "{} is damaged: its SHA-256 does not match the manifest.": ["{} ist beschädigt: SHA-256 passt nicht zum Manifest.", "{}は破損しています: SHA-256がマニフェストと一致しません。"],
+  "The stream's manifest is damaged: {}": ["Das Manifest des Streams ist beschädigt: {}", "ストリームのマニフェストが破損しています: {}"],
+  "There is no stream at this address: {}": ["Unter dieser Adresse ist kein Stream: {}", "このアドレスにストリームはありません: {}"],
+  "The stream has format version {}; this player plays version {}.": ["Der Stream hat die Formatversion {}; dieser Player spielt Version {}.", "ストリームの形式はバージョン{}ですが、このプレーヤーはバージョン{}用です。"],
+  "The stream plays without sound: {}": ["Der Stream läuft ohne Ton: {}", "音声なしで再生します: {}"],
+  "This browser cannot play the stream's sound{}.": ["Dieser Browser kann den Ton des Streams nicht abspielen{}.", "このブラウザはストリームの音声を再生できません{}。"],
+  "This browser cannot play the video ({}).": ["Dieser Browser kann das Video nicht abspielen ({}).", "このブラウザは動画を再生できません ({})。"],
+  "This browser does not support WebGL2, which the player requires.": ["Dieser Browser unterstützt WebGL2 nicht, das der Player braucht.", "このブラウザは、プレーヤーに必要なWebGL2に対応していません。"],
+  "The link is damaged: ignored its {}.": ["Der Link ist beschädigt, verworfen: {}.", "リンクが破損しています。無視した部分: {}"],
+  "{} is damaged: {}.": ["{} ist beschädigt: {}.", "{}は破損しています: {}"],
+};
+
+/** A message about a stream in a language; as it is if nobody has translated it. */
+export function inLanguage(message: string, language: Language): string {
+  if (language === "en") return message;
+  for (const [english, translated] of Object.entries(MESSAGES)) {
+    const pattern = english.replace(/[.()]/g, "\\$&").replaceAll("{}", "(.*)");
+    const found = new RegExp(`^${pattern}$`).exec(message);
+    if (found === null) continue;
+    const parts = found.slice(1).map((part) => inLanguage(part, language));
+    return translated[language === "de" ? 0 : 1].replaceAll("{}", () => parts.shift()!);
+  }
+  // A part of a sentence was a sentence.
+  return message === "" || message.endsWith(".") ? message : inLanguage(`${message}.`, language).replace(/[.。]$/, "");
+}
