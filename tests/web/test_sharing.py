@@ -167,3 +167,16 @@ def test_marks_are_published_as_notes_with_next(finished: Path, open_page: OpenP
         assert page.handle.locator("v3-player .pins i").count() == 1
         page.seek_frame(0)
         caption.get_by_text("2 notes").wait_for()
+
+
+def test_the_poster_needs_no_script(baked: Baked, open_page: OpenPage, tmp_path: Path) -> None:
+    share(baked(), tmp_path / "site", TEXT)
+    with plain_server(tmp_path / "site") as address:
+        page = open_page(address="about:blank", wait=False)
+        page.handle.route("**/*.js", lambda _route: None)  # they never arrive
+        page.handle.goto(address, wait_until="commit")
+        page.handle.wait_for_function("document.querySelector('v3-player > img')?.naturalWidth > 0")
+        assert page.handle.locator("v3-player > img").is_visible()
+        assert page.handle.locator("v3-player > h1").inner_text() == f"{TEXT.title} 0:01"
+        assert page.handle.locator("video, canvas").count() == 0
+        assert not [request for request in page.requests if request.endswith((".mp4", ".bin"))]
