@@ -116,7 +116,7 @@ class Site:
             time.sleep(piece / self.bytes_per_second)
 
 
-_PREPARE = """() => {
+PREPARE = """() => {
   const element = document.querySelector('v3-player');
   if (element === null) return;  // a page that leads to players
   window.seen = {};
@@ -142,7 +142,7 @@ _BOUNDED = f"""async (run, argument) => {{
 }}"""
 
 
-_PICTURE = """([camera, background]) => new Promise(done => {
+PICTURE = """([camera, background]) => new Promise(done => {
   const {engine} = document.querySelector('v3-player'), {canvas, screen} = engine, before = engine.background;
   let taken = false;
   engine.on('rendered', () => {
@@ -175,7 +175,7 @@ class Page:
         self.requests: list[str] = []
         handle.on("request", lambda request: self.requests.append(request.url))
         handle.on("pageerror", lambda error: self.errors.append(str(error)))
-        handle.add_init_script(f"document.addEventListener('DOMContentLoaded', {_PREPARE})")
+        handle.add_init_script(f"document.addEventListener('DOMContentLoaded', {PREPARE})")
         handle.set_default_timeout(PATIENCE)
         self._session = handle.context.new_cdp_session(handle)
 
@@ -247,7 +247,7 @@ class Page:
 
     def picture(self, camera: dict[str, Any], background: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
         """(H, W, 3) uint8: the current frame on the paused player's canvas, from a camera, once nothing changes."""
-        text = self.evaluate(_PICTURE, [camera, list(background)])
+        text = self.evaluate(PICTURE, [camera, list(background)])
         pixels = np.frombuffer(base64.b64decode(text), np.uint8)
         return pixels.reshape(camera["height"], camera["width"], 4)[::-1, :, :3]
 

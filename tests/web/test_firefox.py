@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import support
-from driver import _PICTURE, _PREPARE, PATIENCE, Baked, Site, psnr
+from driver import PICTURE, PREPARE, PATIENCE, Baked, Site, psnr
 
 pytestmark = pytest.mark.web
 
@@ -83,7 +83,7 @@ class Firefox:
 
     def open(self, address: str) -> None:
         self.send("WebDriver:Navigate", {"url": address})
-        self.evaluate(_PREPARE)
+        self.evaluate(PREPARE)
         self.wait("(player?.state?.ready && player.ui) || player?.shadowRoot.querySelector('.failure:not([hidden])')")
 
     def close(self) -> None:
@@ -121,7 +121,7 @@ def test_frames_are_those_of_the_rasterizer(firefox: Firefox, site: Site, stream
         firefox.evaluate("frame => document.querySelector('v3-player').engine.seekFrame(frame)", frame)
         firefox.wait(f"player.state.frame === {frame}")
         view = support.camera(40, size=(240, 300))
-        text = firefox.evaluate(_PICTURE, [support.camera_values(view), [0, 0, 0]])
+        text = firefox.evaluate(PICTURE, [support.camera_values(view), [0, 0, 0]])
         picture = np.frombuffer(base64.b64decode(text), np.uint8).reshape(300, 240, 4)[::-1, :, :3]
         (gaussians,) = support.decoded(stream, frame)
         assert psnr(picture, support.draw(gaussians, view)) >= 45.0
