@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import support
-from driver import PICTURE, PREPARE, PATIENCE, Baked, Site, psnr
+from driver import PATIENCE, PICTURE, PREPARE, Baked, Site, psnr
 
 pytestmark = pytest.mark.web
 
