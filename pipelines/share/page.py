@@ -236,8 +236,9 @@ def read_public_marks(source: str) -> str:
     if not marks:
         fix = "Mark frames in the window, or in a browser: `v3studio serve --review`."
         raise StudioError("share.no_marks", "no mark has a note and a view", file=take.marks, fix=fix)
-    kept = {"frame": True, "note": True, "view": {"eye", "target", "place"}}
-    return json.dumps([mark.model_dump(mode="json", include=kept) for mark in marks], separators=(",", ":"))
+    view = {"camera", "fov", "wipe", "whole"}
+    notes = [mark.model_dump(mode="json", exclude={"author": True, "view": view}) for mark in marks]
+    return json.dumps(notes, separators=(",", ":"))
 
 
 def read_view(text: str) -> str:
