@@ -33,8 +33,8 @@ interface Cast {
 
 const page = new CastPage(document.querySelector<HTMLElement>("v3-cast")!);
 const report = (error: unknown): void => page.notice(messageOf(error));
-const cast = (await (await fetch("cast.json")).json()) as Cast;
-const renderer = page.attempt(() => new WebGLRenderer({ canvas: page.canvas }));
+const cast = await page.attempt(async () => (await (await fetch("cast.json")).json()) as Cast);
+const renderer = await page.attempt(() => new WebGLRenderer({ canvas: page.canvas }));
 const spark = new SparkRenderer({ renderer, blurAmount: 0 });
 const scene = new Scene();
 scene.background = new Color().setRGB(...cast.background, "srgb");

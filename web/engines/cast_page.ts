@@ -56,9 +56,9 @@ export class CastPage {
   }
 
   /** What it returns; if it fails, the page says why. */
-  attempt<T>(make: () => T): T {
+  async attempt<T>(make: () => T | Promise<T>): Promise<T> {
     try {
-      return make();
+      return await make();
     } catch (error) {
       this.part(".veil").classList.remove("busy");
       this.part(".why").textContent = messageOf(error);
