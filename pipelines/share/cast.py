@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -32,6 +32,9 @@ MAX_FILE_BYTES = 1_000_000_000  # of a static file
 SPLATS = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 MODELS = (".glb",)
 _GZIP = b"\x1f\x8b"
+
+Images = Callable[[Path], tuple[bytes, bytes] | None]
+"""Makes the poster and the preview of a cast."""
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Triple = tuple[Number, Number, Number]
@@ -116,10 +119,11 @@ def read_cast(path: Path) -> Cast:
 
 
 def write_cast(
-    source: Path, out: Path, text: PageText, images: tuple[bytes, bytes] | None, progress: ProgressFn
+    source: Path, out: Path, text: PageText, images: Images, progress: ProgressFn
 ) -> tuple[str, dict[str, int]]:
     """Write the page of a cast into a folder; returns its title, and the bytes of each file. Without `text`, title,
-    credits and license are the document's and the streams'. `images`: poster and preview, from `cast_images`.
+    credits and license are the document's and the streams'. `images`: `cast_images`, which this module must
+    not import.
 
     StudioError: `share.bad_cast` (also for a text that the page has no place for), `share.no_player`, no stream where
     an item names one, or a disk that is full.
@@ -156,13 +160,12 @@ def write_cast(
         folder.write(name, script)
         folder.write(LICENSES_NAME, licenses)
         folder.write(CAST_NAME, json.dumps(document, indent=1).encode())
-        pictures = {}
-        if images is not None:
-            names = (hashed_name("poster.jpg", images[0]), hashed_name("preview.jpg", images[1]))
-            pictures = dict(zip(names, images, strict=True))
-        for picture, data in pictures.items():
-            folder.write(picture, data)
-        poster, preview = pictures or (None, None)
+        poster = preview = None
+        made = images(source)
+        if made is not None:
+            poster, preview = hashed_name("poster.jpg", made[0]), hashed_name("preview.jpg", made[1])
+            folder.write(poster, made[0])
+            folder.write(preview, made[1])
         tags = preview_tags(replace(text, credits=_credits(text, streams), license=None), preview)
         filled = cast_page(page, script_elements([name]), title, _credits(text, streams), poster, tags)
         folder.write(PAGE_NAME, filled.encode())

@@ -124,10 +124,9 @@ def share(
             raise StudioError("share.bad_cast", "a cast is shared as a folder", file=out, fix=fix)
         from v3studio.pipelines.share.cast_images import cast_images
 
-        document = Path(source).expanduser()
-        images = cast_images(document)
-        title, written = write_cast(document, out, text or PageText(), images, progress)
-        return _shared_folder(out, title, written, sum(map(len, images or ())))
+        title, written = write_cast(Path(source).expanduser(), out, text or PageText(), cast_images, progress)
+        images = sum(size for name, size in written.items() if name.endswith(".jpg") and "/" not in name)
+        return _shared_folder(out, title, written, images)
     player = read_player()
     with stream_to_share(source) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:

@@ -150,8 +150,8 @@ def test_marks_are_published_as_notes_with_next(finished: Path, open_page: OpenP
     change_mark(take.marks, 3, Mark(frame=3, note="without a view"), None)
     marks = read_public_marks(str(take.root))
     assert "Jane" not in marks
-    share(take.root, tmp_path / "site", PageText(marks=marks))
-    with plain_server(tmp_path / "site") as address:
+    share(take.root, tmp_path / "shared", PageText(marks=marks))
+    with plain_server(tmp_path / "shared") as address:
         page = open_page("?t=0", address=f"{address}/?t=0", size=SIZE, reduced_motion="reduce")
         caption = page.handle.locator("v3-player .caption")
         caption.get_by_text("2 notes").wait_for()
@@ -170,8 +170,8 @@ def test_marks_are_published_as_notes_with_next(finished: Path, open_page: OpenP
 
 
 def test_the_poster_needs_no_script(baked: Baked, open_page: OpenPage, tmp_path: Path) -> None:
-    share(baked(), tmp_path / "site", TEXT)
-    with plain_server(tmp_path / "site") as address:
+    share(baked(), tmp_path / "shared", TEXT)
+    with plain_server(tmp_path / "shared") as address:
         page = open_page(address="about:blank", wait=False)
         page.handle.route("**/*.js", lambda _route: None)  # they never arrive
         page.handle.goto(address, wait_until="commit")
