@@ -5,7 +5,7 @@ import { readdirSync, readFileSync } from "node:fs";
 import { test } from "node:test";
 import { inLanguage, MESSAGES } from "../src/ui/words.ts";
 
-test("messages are in the viewer's language, also those within others", () => {
+void test("messages are in the viewer's language, also those within others", () => {
   const again = "The server cannot be reached; trying again.";
   assert.equal(inLanguage(again, "en"), again);
   assert.equal(inLanguage(again, "de"), "Der Server ist nicht erreichbar; neuer Versuch.");
@@ -15,7 +15,7 @@ test("messages are in the viewer's language, also those within others", () => {
   assert.equal(inLanguage("Something else.", "de"), "Something else.");
 });
 
-test("each translated message is one of the player's", () => {
+void test("each translated message is one of the player's", () => {
   const source = new URL("../../src/", import.meta.url);
   const files = readdirSync(source, { recursive: true }).map(String).filter((name) => name.endsWith(".ts") && !name.endsWith("ui/words.ts"));
   const text = files.map((name) => readFileSync(new URL(name, source), "utf8")).join("\n");
