@@ -3,8 +3,7 @@
 import type { Player } from "../src/player/player.ts";
 import { messageOf } from "../src/stream/errors.ts";
 import css from "../src/ui/first.css";
-import { firstTemplate } from "../src/ui/first_template.ts";
-import { languageOf } from "../src/ui/first_words.ts";
+import { firstTemplate, languageOf } from "../src/ui/first_words.ts";
 import { clock as clockText } from "../src/ui/format.ts";
 import { Hint } from "../src/ui/hint.ts";
 import * as ICONS from "../src/ui/icons.ts";

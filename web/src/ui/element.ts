@@ -9,8 +9,7 @@ import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, i
 import { claim, release, type Tenant, watch } from "./contexts.ts";
 import type { Controls, ControlsHost } from "./controls.ts";
 import css from "./first.css";
-import { firstTemplate } from "./first_template.ts";
-import { languageOf } from "./first_words.ts";
+import { firstTemplate, languageOf } from "./first_words.ts";
 import { parseView } from "./link.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 

@@ -1,4 +1,6 @@
-/** The words of the element before its controls are loaded, and the choice of the language. */
+/** The words and the elements of a player before its controls are loaded, and the choice of the language. */
+
+import * as ICONS from "./icons.ts";
 
 export const FIRST_WORDS = {
   en: { kind: "3D video", video: "Volumetric video", loading: "Loading", again: "Try again", play: "Play" },
@@ -15,4 +17,18 @@ export function languageOf(element: HTMLElement): Language {
   const asked = [element.lang, page?.getAttribute("lang") ?? "", ...navigator.languages];
   const known = (tag: string): tag is Language => Object.hasOwn(FIRST_WORDS, tag);
   return asked.map((tag) => tag.toLowerCase().split("-")[0]).find(known) ?? "en";
+}
+
+/** The elements of a player before its controls are loaded. */
+export function firstTemplate(language: Language): string {
+  const { kind, video, play, loading, again } = FIRST_WORDS[language];
+  return `
+<div class="stage" tabindex="0" role="application" aria-roledescription="${kind}" aria-label="${video}" aria-describedby="about keys">
+  <canvas></canvas>
+  <button type="button" class="start" data-act="start" aria-label="${play}" hidden>${ICONS.play}</button>
+</div>
+<p class="unseen" id="about"></p>
+<div class="poster"><slot><img alt="" hidden></slot></div>
+<div class="veil"><div class="spinner" role="status" aria-label="${loading}"></div></div>
+<div class="failure" role="alert" hidden><div><p class="why"></p><p><button type="button" class="plain" data-act="again">${again}</button></p></div></div>`;
 }

@@ -6,7 +6,7 @@ import { listen } from "./actions.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { languageOf } from "./first_words.ts";
 import { addNotes } from "./notes.ts";
-import { addReport } from "./report.ts";
+import { addReport } from "./panel.ts";
 import css from "./style.css";
 import { template } from "./template.ts";
 import { wordsOf } from "./words.ts";
@@ -27,6 +27,6 @@ export function addControls(host: ControlsHost, root: ShadowRoot, player: Player
   if (notes !== null)
     addNotes(notes, root, player, controls, wordsOf(host)).catch((error: unknown) => controls.notice(messageOf(error)));
   const isReport = host.hasAttribute("page") && new URLSearchParams(location.search).has("report");
-  if (isReport) addReport(root, player, controls, wordsOf(host));
+  if (isReport) addReport(root, player, wordsOf(host), (message) => controls.notice(message));
   return controls;
 }
