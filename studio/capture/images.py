@@ -1,15 +1,18 @@
-"""Image files as arrays: read with Pillow, but OpenEXR and DPX with FFmpeg, and 16-bit TIFF and PNG with OpenCV."""
+"""Image files as arrays: read with Pillow, but OpenEXR and DPX with FFmpeg, and TIFF and PNG of more than 8 bits with
+OpenCV."""
 
 from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterator
+import struct
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from v3studio.studio.capture.exr_header import exr_for_ffmpeg
 from v3studio.studio.capture.transfer import TransferFunction, eight_bit
 from v3studio.studio.errors import StudioError
 from v3studio.studio.memory import is_out_of_memory
@@ -19,8 +22,9 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from PIL.ImageFile import ImageFile
 
-_CODECS = {".exr": "exr", ".dpx": "dpx"}
+_FFMPEG = (".exr", ".dpx")
 _TIFF = (".tif", ".tiff")
+_MOST_LIGHT = 64  # of floats, where 1 is white
 _ALPHA_MODES = ("RGBA", "LA", "PA", "RGBa", "La")
 _ORIENTATION = 0x0112  # of EXIF; 1 is upright
 
@@ -49,15 +53,12 @@ def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:
         pixels = _deep_image(path, transfer)
         return _color_of(pixels) if pixels.shape[2] == 4 and _has_padding(path) else pixels
     with _open(path) as image, _undamaged(path):
-        if _has_deep_color(image):
+        if _has_deep_values(image):
             pixels = _deep_image(path, transfer)
             return pixels if _is_transparent(image) else _color_of(pixels)
         image.load()
-        if image.mode.startswith("I;16") or image.mode in ("I", "F"):
-            levels = np.asarray(image, dtype=np.float64)
-            if image.mode != "F":
-                levels = levels / 257.0
-            gray = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+        if image.mode.startswith("I"):  # of PNG
+            gray = np.clip(np.rint(np.asarray(image, dtype=np.float64) / 257.0), 0, 255).astype(np.uint8)
             return np.repeat(gray[:, :, None], 3, axis=2)
         pixels = np.array(image.convert("RGBA" if _is_transparent(image) else "RGB"))
     if transfer not in ("auto", "srgb"):
@@ -72,7 +73,7 @@ def read_values(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     if _is_deep(path):
         return _deep_values(path), None
     with _open(path) as image, _undamaged(path):
-        if _has_deep_color(image):
+        if _has_deep_values(image):
             numbers = _deep_values(path)
             return numbers if numbers.ndim != 3 or _is_transparent(image) else _color_of(numbers), None
         image.load()
@@ -103,7 +104,7 @@ def _is_deep(path: Path, transfer: TransferFunction = "auto") -> bool:
     """Return whether the file is not read with Pillow: by its format, or for a transfer function that needs all bits.
     Pillow does not read TIFF files whose colors are floats, but OpenCV does."""
     suffix = path.suffix.lower()
-    if suffix in _CODECS or (suffix in (*_TIFF, ".png") and transfer not in ("auto", "srgb")):
+    if suffix in _FFMPEG or (suffix in (*_TIFF, ".png") and transfer not in ("auto", "srgb")):
         return True
     if suffix in _TIFF:
         try:
@@ -148,15 +149,39 @@ def _color_of(image: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(image[:, :, :3])
 
 
-def _has_deep_color(image: ImageFile) -> bool:
-    """Return whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding. Pillow
-    has no such color mode; its name for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay
-    with Pillow: premultiplied alpha, and one color as transparent."""
+def _has_deep_values(image: ImageFile) -> bool:
+    """Whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding, or is a TIFF
+    file whose values Pillow returns as they are, whatever they mean. Pillow has no color mode with 16 bits; its name
+    for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay with Pillow: premultiplied
+    alpha, and one color as transparent."""
     if not image.tile or image.format not in ("PNG", "TIFF") or "transparency" in image.info:
         return False
+    if image.format == "TIFF" and (image.mode[0] in "IF" or _TiffKind(image.tag_v2).has_deep_planes):  # type: ignore[attr-defined]
+        return True
     stored = image.tile[0][3]
     name = stored[0] if isinstance(stored, tuple) else stored
     return str(name).startswith(("RGB;16", "RGBA;16", "RGBX;16", "LA;16"))
+
+
+class _TiffKind:
+    """How a TIFF file stores numbers, from its tags by number."""
+
+    def __init__(self, tags: Mapping[int, Any]) -> None:
+        self.bits = max(np.atleast_1d(tags.get(258, 1)))  # per sample
+        self.is_float = 3 in np.atleast_1d(tags.get(339, 1))
+        self.zero_is_white = tags.get(262) == 0
+        self.has_deep_planes = self.bits > 8 and tags.get(284) == 2 and tags.get(277, 1) > 1
+
+    @classmethod
+    def of(cls, data: bytes) -> _TiffKind:
+        """The kind of a file, also of one that Pillow cannot open."""
+        from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+        stream = io.BytesIO(data)
+        tags = ImageFileDirectory_v2(stream.read(16 if data[2:3] == b"+" else 8))  # BigTIFF has a longer header
+        stream.seek(tags.next)
+        tags.load(stream)
+        return cls(tags)
 
 
 def _reason(error: Exception) -> str:
@@ -168,7 +193,13 @@ def _deep_image(path: Path, transfer: TransferFunction) -> np.ndarray:
     """Decode an EXR (RGB or gray, half or float), DPX (8 to 16 bits), TIFF or PNG file to (H, W, 3) RGB or (H, W, 4)
     RGBA with straight alpha, uint8 sRGB; `transfer` auto: EXR files are linear, others sRGB."""
     stored = _deep_values(path)
+    if stored.dtype.name not in ("uint8", "uint16") and stored.dtype.kind != "f":
+        _refuse(
+            path, "of 32-bit integers, whose white is not known", "Save it with 8 or 16 bits, or as floats up to 1."
+        )
     if stored.dtype != np.uint16 or transfer not in ("auto", "srgb"):
+        if stored.dtype.kind == "f" and path.suffix.lower() in _TIFF and np.nanmax(stored, initial=0) > _MOST_LIGHT:
+            _refuse(path, f"floats up to {np.nanmax(stored):g}, but 1 is white", "Divide by the value of white.")
         white = {"uint8": 255, "uint16": 65535}.get(stored.dtype.name, 1)
         stored = np.asarray(stored, np.float32) / np.float32(white)
     if stored.ndim == 2:
@@ -192,24 +223,56 @@ def _deep_values(path: Path) -> np.ndarray:
         raise StudioError("footage.image_missing", "image not found", file=path) from None
     except OSError as error:
         _refuse(path, str(error.strerror))
-    return _decoded(path, data, _CODECS[suffix]) if suffix in _CODECS else _opencv_values(path, data)
+    if suffix == ".exr":
+        return _exr_values(path, data)
+    if suffix in _TIFF:
+        return _tiff_values(path, data)
+    return _channels(path, _decoded(path, data, "dpx")) if suffix == ".dpx" else _opencv_values(path, data)
 
 
-def _decoded(path: Path, data: bytes, name: str) -> np.ndarray:
+def _tiff_values(path: Path, data: bytes) -> np.ndarray:
+    with _undamaged(path):
+        kind = _TiffKind.of(data)
+    if kind.bits not in (1, 2, 4, 8, 16, 32, 64):
+        _refuse(path, f"{kind.bits} bits per value are not supported", "Save it with 8 or 16 bits.")
+    if not kind.has_deep_planes:
+        values = _opencv_values(path, data)
+        if not kind.zero_is_white or values.dtype == np.uint8:  # which OpenCV inverts
+            return values
+        return np.asarray((1 if kind.is_float else np.iinfo(values.dtype).max) - values)
+    if kind.is_float or kind.bits != 16:  # OpenCV mixes up the planes, and FFmpeg reads only these
+        _refuse(path, f"a plane per channel of {kind.bits} bits is not supported", "Save it with interleaved channels.")
+    return np.asarray(_decoded(path, data, "tiff").to_ndarray())
+
+
+def _exr_values(path: Path, data: bytes) -> np.ndarray:
+    """FFmpeg takes the upper left corner of the display window as 0, and needs to be told the layer."""
+    try:
+        data, layer = exr_for_ffmpeg(data)
+    except (ValueError, struct.error, LookupError):
+        _refuse(path, "damaged or truncated: its header ends early")
+    if layer is None:
+        _refuse(
+            path, "it has no layer with R, G and B, and more than one channel", "Save the layer of the image alone."
+        )
+    return _channels(path, _decoded(path, data, "exr", {"layer": layer} if layer else {}))
+
+
+def _decoded(path: Path, data: bytes, name: str, options: Mapping[str, str] | None = None) -> VideoFrame:
     import av
     from av.codec import CodecContext
     from PIL.Image import MAX_IMAGE_PIXELS
 
     try:
         decoder: Any = CodecContext.create(name, "r")
-        decoder.options = {"max_pixels": str(2 * (MAX_IMAGE_PIXELS or 0))}
+        decoder.options = {"max_pixels": str(2 * (MAX_IMAGE_PIXELS or 0)), **(options or {})}
         decoder.thread_count = 1
         frames = [*decoder.decode(av.Packet(data)), *decoder.decode(None)]
     except (av.error.FFmpegError, OSError, ValueError):
         frames = []
     if not frames or frames[0].is_corrupt:
         _refuse(path, f"damaged or truncated, or a kind of {name.upper()} that FFmpeg cannot read")
-    return _channels(path, frames[0])
+    return frames[0]
 
 
 def _channels(path: Path, frame: VideoFrame) -> np.ndarray:
@@ -252,6 +315,5 @@ def _opencv_values(path: Path, data: bytes) -> np.ndarray:
     return np.asarray(pixels)
 
 
-def _refuse(path: Path, problem: str) -> NoReturn:
-    fix = "Replace the file or exclude the frame."
+def _refuse(path: Path, problem: str, fix: str = "Replace the file or exclude the frame.") -> NoReturn:
     raise StudioError("footage.image_unreadable", f"cannot read the image ({problem})", file=path, fix=fix) from None

@@ -148,11 +148,14 @@ def test_damaged_files_are_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_gray_floats_beyond_the_range_are_clipped(tmp_path: Path) -> None:
-    """A TIFF of floats counts in levels of 255; what is beyond is white or black, not wrapped around."""
-    values = np.array([[-3.0, 0.4, 12.6], [254.7, 255.4, 300.0]], np.float32)
+    """Of floats, 1 is white; what is beyond is white or black, not wrapped around. Levels of 255 are refused."""
+    values = np.array([[-3.0, 0.0, 0.4], [1.0, 1.01, 12.0]], np.float32)
     Image.fromarray(values).save(tmp_path / "gray.tif")
     image = read_image(tmp_path / "gray.tif")
-    np.testing.assert_array_equal(image[:, :, 0], [[0, 0, 13], [255, 255, 255]])
+    np.testing.assert_array_equal(image[:, :, 0], [[0, 0, 102], [255, 255, 255]])
+    Image.fromarray(values * 21).save(tmp_path / "levels.tif")
+    with refuses("footage.image_unreadable", file=tmp_path / "levels.tif"):
+        read_image(tmp_path / "levels.tif")
     np.testing.assert_array_equal(image, image[:, :, :1].repeat(3, axis=2))
 
 
