@@ -16,7 +16,8 @@ SAMPLE_RATE = 48_000
 
 class SoundFile:
     """A file with sound. Time 0 is its first video frame, or, without video, its beginning; `duration` is from there,
-    in seconds, None if the file does not say. `blocks` returns `channels` channels: 1 for mono, otherwise 2."""
+    in seconds, None if the file does not say. `blocks` returns `channels` channels: 1 for mono, otherwise 2. Of several
+    mono streams, as recorders write them, the first two are left and right."""
 
     def __init__(self, path: Path) -> None:
         import av
@@ -31,7 +32,10 @@ class SoundFile:
                 stream = container.streams.audio[0]
                 if stream.codec_context is None:
                     raise ValueError("FFmpeg does not know its codec")
-                self.channels = 1 if stream.channels == 1 else 2
+                known = [each for each in container.streams.audio if each.codec_context is not None]
+                mono = [each.index for each in known if each.channels == 1]
+                self._streams = mono[:2] if len(mono) == len(known) else [stream.index]
+                self.channels = 1 if stream.channels == 1 and len(self._streams) == 1 else 2
                 video = video_stream(container)
                 self._zero = start_of(video) if video is not None else 0.0
                 self.duration = _end(container, stream)
@@ -41,6 +45,8 @@ class SoundFile:
         except (av.FFmpegError, OSError, ValueError) as error:
             raise self._unreadable(error) from None
         layout = {1: "mono", 2: "stereo"}.get(channels, f"{channels} channels")
+        if len(self._streams) > 1:
+            layout = f"stereo of the first 2 of {len(mono)} mono streams"
         length = "" if self.duration is None else f", {self.duration:.2f} s"
         self.description = f"{rate:g} Hz, {layout}{length}"
 
@@ -50,25 +56,38 @@ class SoundFile:
         `audio.unreadable`."""
         import av
 
-        layout = "mono" if self.channels == 1 else "stereo"
+        layout = "mono" if self.channels == 1 or len(self._streams) > 1 else "stereo"
         position: int | None = None
         try:
             with open_media(self.path) as container:
-                resampler = av.AudioResampler(format="fltp", layout=layout, rate=SAMPLE_RATE)
-                for frame in chain(container.decode(container.streams.audio[0]), [None]):  # None flushes it
+                resamplers = {
+                    index: av.AudioResampler(format="fltp", layout=layout, rate=SAMPLE_RATE) for index in self._streams
+                }
+                waiting = {index: np.zeros((0, 1), np.float32) for index in self._streams}  # of several streams
+                for index, frame in chain(self._frames(container), ((index, None) for index in self._streams)):
                     if position is None and frame is not None:
                         start = frame.time if frame.time is not None else 0.0
                         position = round((start - self._zero) * SAMPLE_RATE)
                     if frame is not None:
                         frame.pts = None  # resample by counting; the time stamps of many files are rounded
-                    for piece in resampler.resample(frame):
+                    for piece in resamplers[index].resample(frame):  # None flushes it
                         samples = np.ascontiguousarray(piece.to_ndarray().T, dtype=np.float32)
                         np.nan_to_num(samples, copy=False, posinf=1.0, neginf=-1.0)  # the encoder refuses them
+                        if len(waiting) > 1:
+                            waiting[index] = np.concatenate([waiting[index], samples])
+                            count = min(map(len, waiting.values()))
+                            samples = np.concatenate([own[:count] for own in waiting.values()], axis=1)
+                            waiting = {key: own[count:] for key, own in waiting.items()}
                         if len(samples) and position is not None:
                             yield position, samples
                             position += len(samples)
         except (av.FFmpegError, OSError, ValueError) as error:
             raise self._unreadable(error) from None
+
+    def _frames(self, container: Any) -> Iterator[tuple[int, Any]]:
+        for packet in container.demux([container.streams[index] for index in self._streams]):
+            for frame in packet.decode():
+                yield packet.stream.index, frame
 
     def _unreadable(self, error: Exception) -> StudioError:
         problem = f"the sound cannot be read ({getattr(error, 'strerror', None) or error})"
