@@ -81,7 +81,7 @@ def write(path: Path, gaussians: Gaussians, version: int = DEFAULT_VERSION, offs
     opacities = 1 / (1 + np.exp(-arrays["logit_opacities"].astype(np.float64)))
     attributes = [
         fixed.view(np.uint8).reshape(-1, 3, 4)[:, :, :3].tobytes(),
-        _byte(opacities * 255),
+        _byte(np.clip(opacities * 255, 1, 254)),  # of 0 and 255, readers take the logit, which is infinite
         _byte(sh[:, 0] * (_COLOR_SCALE * 255) + 127.5),
         _byte((arrays["log_scales"] + 10) * 16),
         _pack_quats(arrays["quats"]).astype("<u4").tobytes(),

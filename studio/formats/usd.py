@@ -245,6 +245,7 @@ def _show_during(pxr: Any, prim: Any, frames: range, times: Sequence[float]) -> 
 def _add_camera(pxr: Any, stage: Any, camera: Camera) -> None:
     """A camera of the footage, as UsdGeomCamera: looking down -z, with y up. Lens distortion has no place there."""
     name = pxr.Tf.MakeValidIdentifier(camera.name)
+    pxr.UsdGeom.Scope.Define(stage, "/Performance/Cameras")
     made = pxr.UsdGeom.Camera.Define(stage, f"/Performance/Cameras/{name}")
     pose = np.linalg.inv(camera.world_to_camera) @ OPENGL_AXES
     made.AddTransformOp().Set(pxr.Gf.Matrix4d(pose.T.tolist()))
