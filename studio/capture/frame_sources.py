@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from v3studio.studio.capture.images import image_header, read_image
-from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS, Match
+from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS, Match, interval_of
 from v3studio.studio.capture.transfer import TransferFunction
 from v3studio.studio.capture.video import VideoReader
 from v3studio.studio.chroma import ChromaSampling
@@ -45,13 +45,15 @@ class FrameSource(Protocol):
 class ImageSource(FrameSource):
     """A `FrameSource` with one image file per frame number; `transfer`: what values are, see `read_image`."""
 
-    def __init__(self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction, offset: int) -> None:
+    def __init__(
+        self, camera: str, paths: Mapping[int, Path], transfer: TransferFunction, offset: int, fps: float | None = None
+    ) -> None:
         self.camera = camera
         self._transfer, self._offset = transfer, offset
         self._paths = dict(sorted(paths.items()))
         self.frames = tuple(number - offset for number in self._paths)
         self.width, self.height, self.has_alpha, turned = image_header(next(iter(self._paths.values())))
-        self.fps: float | None = None
+        self.fps = fps
         self.note = "EXIF turns the images for display, but they are used as stored" if turned else ""
 
     def read(self, frame: int) -> np.ndarray:
@@ -147,6 +149,19 @@ class VideoSource(FrameSource):
             notes[f"{len(paths)} files are read as one recording, in the order of their names"] = None
         self.note = "; ".join(notes)
 
+    def take_matrix_of(self, others: Iterable["VideoSource"]) -> None:
+        """Read a video that does not tell its YUV to RGB matrix with that of the other cameras, if they have one."""
+        tags = {reader.tag for other in others for reader in other._readers}
+        untagged = [reader for reader in self._readers if reader.tag == ""]
+        if untagged and len(tags - {"", None}) == 1:
+            tag = next(tag for tag in tags if tag)
+            for reader in untagged:
+                reader.use_matrix(tag)
+            words = (
+                f"the video has no color matrix; that of the other cameras is used, {tag.upper().replace('BT', 'BT.')}"
+            )
+            self.note = "; ".join(filter(None, (self.note, words)))
+
     def _part(self, frame: int) -> int:
         return max(0, bisect_right(self._starts, frame + self._offset) - 1)
 
@@ -195,7 +210,12 @@ def make_sources(
             paths = [match.path for match in videos]
             sources[camera] = VideoSource(camera, paths, pool, matrix, transfer, offset)
         else:
-            sources[camera] = ImageSource(camera, {match.frame or 0: match.path for match in group}, transfer, offset)
+            interval = interval_of([match.seconds for match in group if match.seconds is not None])
+            files = {match.frame or 0: match.path for match in group}
+            sources[camera] = ImageSource(camera, files, transfer, offset, 1 / interval if interval else None)
+    videos_of = [source for source in sources.values() if isinstance(source, VideoSource)]
+    for source in videos_of if matrix == "auto" else ():
+        source.take_matrix_of(videos_of)
     kinds = {not isinstance(source, ImageSource): camera for camera, source in sources.items()}
     if len(kinds) > 1:
         problem = f"Camera '{kinds[True]}' is a video and camera '{kinds[False]}' is an image sequence"

@@ -22,9 +22,12 @@ from v3studio.studio.errors import StudioError
 # which is visible at silhouettes and reduces the color accuracy of 4:2:0 footage by about 1 dB.
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
+_TAGS = {1: "bt709", 2: "", 5: "bt601", 6: "bt601"}  # by FFmpeg's AVColorSpace
 _HDR = {16: "PQ", 18: "HLG"}  # FFmpeg's AVCOL_TRC_SMPTE2084 and AVCOL_TRC_ARIB_STD_B67
 _SQUARE = 0.01
 _GAP = 0.5  # of an interval: by how much times may be off without a frame being missing
+_JITTER = 0.25  # of an interval: by how much times may be off at a constant rate
+_STEADY = 0.1  # of an interval: by how much usual ones differ
 _EMPTY_PACKET = 8  # bytes
 _ENCODE_AGAIN = "Copy or encode the video again."
 
@@ -43,6 +46,8 @@ class VideoReader:
         fps: frame rate in frames per second, or None.
         note: a clause on what is unusual about the file and how it is read; otherwise "".
         has_alpha: whether frames have an alpha channel.
+        tag: the YUV to RGB matrix that the file says it has, as for `color_matrix`; "" if it says none, None if it has
+            RGB or another matrix.
     """
 
     def __init__(self, path: Path, color_matrix: str = "auto", transfer: TransferFunction = "auto") -> None:
@@ -71,8 +76,7 @@ class VideoReader:
             self._coded_count = len(listed) if whole else self._scan()
             self.frame_count = self._coded_count
             times = [entry.timestamp for entry in listed]
-            if whole:
-                self._without_empty([entry.size for entry in listed], times)
+            self._without_empty([entry.size for entry in listed] if whole else self._sizes, times)
             if self._shown is None:
                 self._at_constant_rate(sorted(times) if whole else None)
             else:
@@ -81,7 +85,8 @@ class VideoReader:
                 self.close()
                 raise StudioError("footage.video_empty", "the video has no frames", file=self.path)
             frame = self._decode(0)
-            self._turns = (round(frame.rotation / 90) % 4) if frame.rotation else 0
+            self._turns, self._mirrored = _display(frame)
+            self.tag = None if frame.format.is_rgb else _TAGS.get(int(frame.colorspace))
             self._coded = (frame.width, frame.height)
             self._square = _with_square_pixels(*self._coded, stream.sample_aspect_ratio)
             self.width, self.height = self._square[:: -1 if self._turns % 2 else 1]
@@ -121,12 +126,17 @@ class VideoReader:
                 raise StudioError(
                     "footage.frame_undecodable", problem, file=self.path, fix=_ENCODE_AGAIN, frame=index
                 ) from None
-        return np.ascontiguousarray(np.rot90(image, self._turns)) if self._turns else image
+        image = image[:, ::-1] if self._mirrored else image
+        return np.ascontiguousarray(np.rot90(image, self._turns))
+
+    def use_matrix(self, color_matrix: str) -> None:
+        """Read the rest of the file with this matrix, "bt601" or "bt709"."""
+        self._matrix = color_matrix
 
     @functools.cached_property
     def chroma(self) -> ChromaSampling | None:
         """Chroma grid of the frames that `read` returns; None: no subsampling, or see `chroma_grid`."""
-        if self._transfer not in ("auto", "srgb") or self._square != self._coded:
+        if self._transfer not in ("auto", "srgb") or self._square != self._coded or self._mirrored:
             return None  # the loss would have to subsample before the curve, or before stretching
         with open_media(self.path) as container:
             stream = video_stream(container)
@@ -189,24 +199,41 @@ class VideoReader:
         except (av.error.FFmpegError, OSError):
             return  # reported when the frame is read
         stamps = [time for time, _ in frames if time is not None]
+        if len(stamps) < len(frames) or stamps != sorted(stamps) or not times:
+            self._repeat(sizes, len(frames))
+            return
         silent = {time for time, size in zip(times, sizes, strict=True) if size <= _EMPTY_PACKET}
         missing = set(times) - set(stamps)
-        if not missing or not missing <= silent or len(set(stamps)) != len(frames) or stamps != sorted(stamps):
+        if not missing or not missing <= silent or len(set(stamps)) != len(frames):
             return
         self._timestamps, self._coded_count = stamps, len(stamps)
         self._keyframes = [index for index, (_, key) in enumerate(frames) if key]
         self._shown = [max(0, bisect.bisect_right(stamps, time) - 1) for time in sorted(times)]
         self.note = f"{len(missing)} dropped frames repeat the ones before them"
 
+    def _repeat(self, sizes: list[int], decoded_count: int) -> None:
+        """Show the frames of a file without usable times again where its smallest packets are, by their sizes."""
+        missing = len(sizes) - decoded_count
+        smallest = sorted(sizes)[:missing]
+        if not 0 < missing < len(sizes) or smallest[-1] > _EMPTY_PACKET:
+            return
+        silent = [index for index, size in enumerate(sizes) if size <= smallest[-1]][:missing]
+        before = np.cumsum([index not in set(silent) for index in range(len(sizes))]) - 1
+        self._shown = np.clip(before, 0, decoded_count - 1).tolist()
+        self._coded_count, self._timestamps, self._seekable = decoded_count, [], False
+        self.note = f"{missing} packets without an image repeat the frames before them"
+
     def _at_constant_rate(self, times: list[int] | None) -> None:
         """Fill gaps in the presentation times. `times`: the times that the container lists; None: `_scan` has found
         them."""
         if times is not None:
             if _clock(times) is None:
+                self._measure_rate(times)
                 return
             self._scan(listed=True)
         clock = _clock(self._timestamps or ())
         if clock is None:
+            self._measure_rate(self._timestamps or ())
             return
         interval, shown = clock
         rate = 1 / (interval * float(self._stream.time_base))
@@ -216,8 +243,19 @@ class VideoReader:
             fix = f"Convert the video: ffmpeg -i {self.path.name} -fps_mode cfr -r {rate:.4g} OUTPUT."
             raise StudioError("footage.variable_rate", problem, file=self.path, value=rate, fix=fix)
         self._shown, self.fps, self.frame_count = shown, rate, len(shown)
-        added = self.frame_count - len(set(shown))
-        self.note = f"the frame rate is not constant; at {rate:.4g} fps, {added} frames repeat the ones before them"
+        used = len(set(shown))
+        self.note = (
+            f"the frame rate is not constant; at {rate:.4g} fps, {self.frame_count - used} frames repeat the ones "
+            "before them"
+        ) + (f", and {self._coded_count - used} are left out" if used < self._coded_count else "")
+
+    def _measure_rate(self, times: Sequence[int]) -> None:
+        """Set the rate to that of the sorted times if the file says another one."""
+        if len(times) < 3 or times[-1] <= times[0]:
+            return
+        rate = (len(times) - 1) / ((times[-1] - times[0]) * float(self._stream.time_base))
+        if self.fps is None or abs(self.fps / rate - 1) * len(times) > _STEADY:
+            self.fps = rate
 
     def _scan(self, listed: bool = False) -> int:
         """Read the presentation times of all packets, or those `listed`, without decoding; returns the frame count."""
@@ -225,6 +263,7 @@ class VideoReader:
 
         times: list[int] = []
         keys: list[int] = []
+        self._sizes: list[int] = []
         known = True
         try:
             with open_packets(self.path) if listed else open_media(self.path) as container:
@@ -232,6 +271,7 @@ class VideoReader:
                 for packet in container.demux(stream):
                     if packet.size == 0 or packet.is_discard:
                         continue
+                    self._sizes.append(packet.size)
                     if packet.pts is None:
                         known = False
                         times.append(len(times))
@@ -339,24 +379,44 @@ class VideoReader:
 
 def _clock(times: Sequence[int]) -> tuple[float, list[int] | None] | None:
     """The interval of frames at a constant rate and, for each, the index of the file's frame to show, by the sorted
-    times of a video that skips frames; None if all intervals are nearly equal. There are no indices if there would be
-    more than twice as many frames: the rate is not nearly constant.
+    times of a video that skips frames or changes its rate; None if it nearly keeps one. There are no indices if
+    there would be more than twice as many frames: the rate is not nearly constant.
 
-    Phones and capture programs write no packet where a frame was dropped. Counting packets would shift all later frames
-    against the other cameras; here, the frame before the gap is shown again instead.
+    Phones and capture programs write no packet where a frame was dropped, and film fewer frames per second in low
+    light. Counting packets would shift all later frames against the other cameras; here, the frame before a gap is
+    shown again instead.
     """
     if len(times) < 3:
         return None
     gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    usual = statistics.median(gaps)
-    if max(abs(gap - usual) for gap in gaps) <= _GAP * usual:
+    mean = (times[-1] - times[0]) / len(gaps)
+    if max(abs(time - times[0] - index * mean) for index, time in enumerate(times)) <= _JITTER * mean:
         return None
-    interval = statistics.fmean(gap for gap in gaps if abs(gap - usual) <= _GAP * usual)
+    usual = statistics.median(gaps)
+    rounding = 1 if usual >= 4 else 0
+    steady = [gap for gap in gaps if abs(gap - usual) <= max(_STEADY * usual, rounding)]
+    if 2 * len(steady) < len(gaps):
+        steady = [gap for gap in gaps if abs(gap - usual) <= _GAP * usual]
+    interval = statistics.fmean(steady)
+    if max(abs(time - times[0] - index * interval) for index, time in enumerate(times)) <= _GAP * interval:
+        return None
     count = round((times[-1] - times[0]) / interval) + 1
     if count > 2 * len(times):
         return interval, None
     ends = [times[0] + (index + 0.5) * interval for index in range(count)]
     return interval, [max(0, bisect.bisect_right(times, end) - 1) for end in ends]
+
+
+def _display(frame: Any) -> tuple[int, bool]:
+    """Counterclockwise quarter turns of a frame for display, after it is mirrored left to right if the second value is
+    True. The side data are FFmpeg's display matrix: two columns of the map from stored to shown x and y, down."""
+    sides = [data for data in frame.side_data if data.type.name == "DISPLAYMATRIX"]
+    if not sides:
+        return 0, False
+    a, b, _, c, d = np.frombuffer(bytes(sides[0]), np.int32)[:5].astype(float)
+    mirrored = a * d < b * c
+    a, b = (-a, -b) if mirrored else (a, b)
+    return round(-np.degrees(np.arctan2(b, a)) / 90) % 4, mirrored
 
 
 def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:

@@ -17,9 +17,10 @@ SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
 
 def write_video(
     path, frames, *, codec="libx264", pixels="yuv420p", options=None, container_options=None, fps=25, rotation=0,
-    shape=None, source="rgb24",
+    shape=None, source="rgb24", tag=None,
 ) -> Path:  # fmt: skip
-    """Encode (H, W, 3) RGB (or `source`) uint8 frames, whose pixels are `shape` times as wide as high."""
+    """Encode (H, W, 3) RGB (or `source`) uint8 frames, whose pixels are `shape` times as wide as high; `tag`: number of
+    their color matrix, as in FFmpeg."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w", options=container_options or {}) as container:
         stream = container.add_stream(codec, rate=fps)
@@ -27,6 +28,8 @@ def write_video(
         stream.options = options if options is not None else {"crf": "10", "preset": "veryfast"}
         if rotation:
             stream.set_display_rotation(rotation)
+        if tag is not None:
+            stream.codec_context.colorspace = tag
         if shape is not None:
             stream.codec_context.sample_aspect_ratio = shape
         for frame in frames:

@@ -1,15 +1,19 @@
 import random
+import struct
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 
 from tests.support.errors import refuses
+from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.video import VideoReader
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import open_footage
 
 NOISE = np.random.default_rng(0).integers(0, 255, (40, 64, 96, 3), dtype=np.uint8)
 
@@ -152,6 +156,69 @@ def test_packets_of_dropped_frames_do_not_make_a_video_truncated(tmp_path: Path,
     assert "3 dropped frames" in reader.note
     for index in (29, 24, 9, 10, 11, 20, 0, 11, 18):  # others refer to a missing frame until the next keyframe
         assert make.number_of(reader.read(index)) == {10: 9, 11: 9, 20: 19}.get(index, index)
+
+
+@pytest.mark.parametrize("slow", [range(20, 50), range(30, 36)])
+def test_a_rate_that_is_lower_for_a_while(tmp_path: Path, make: SimpleNamespace, slow: range) -> None:
+    """As of phones in low light: 24 instead of 30 frames per second."""
+    steps = [5 if index in slow else 4 for index in range(99)]
+    times = np.concatenate([[0], np.cumsum(steps)])
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 120)
+        for index, time in enumerate(times):
+            frame = av.VideoFrame.from_ndarray(make.numbered(index), format="rgb24")
+            frame.pts, frame.time_base = int(time), Fraction(1, 120)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    reader = VideoReader(path)
+    assert reader.fps == pytest.approx(30, rel=1e-3)
+    for index in range(0, reader.frame_count, 9):
+        shown = make.number_of(reader.read(index))
+        assert abs(times[shown] - 4 * index) <= 2.5  # 1/120 s
+
+
+def test_a_rate_that_is_lower_from_camera_to_camera(tmp_path: Path, make: SimpleNamespace) -> None:
+    for camera, rate in (("a", Fraction(30)), ("b", Fraction(2988, 100))):
+        make.video(tmp_path / "videos" / f"{camera}.mp4", [make.numbered(0)] * 150, fps=rate)
+    with refuses("footage.fps_mismatch"):
+        open_footage(CaptureSettings(root=tmp_path, masks="none"))
+    assert len(open_footage(CaptureSettings(root=tmp_path, masks="none", frames=":20")).frames) == 20
+
+
+@pytest.mark.parametrize(
+    ("matrix", "shown"),  # of x and y, down, in 1 / 65536
+    [
+        ((-1, 0, 0, 1), lambda image: image[:, ::-1]),
+        ((1, 0, 0, -1), lambda image: image[::-1]),
+        ((0, 1, 1, 0), lambda image: image.transpose(1, 0, 2)),
+        ((0, 1, -1, 0), lambda image: np.rot90(image, -1)),
+    ],
+    ids=["left to right", "up and down", "transposed", "clockwise"],
+)
+def test_a_mirrored_display_matrix(tmp_path: Path, make: SimpleNamespace, matrix: tuple[int, ...], shown: Any) -> None:
+    """Written into the header of the track; see ISO/IEC 14496-12, 8.3.2."""
+    image = np.zeros((64, 96, 3), np.uint8)
+    image[:32, :48] = 255
+    path = make.video(tmp_path / "a.mp4", [image] * 2)
+    data = path.read_bytes()
+    a, b, c, d = (part * 65536 for part in matrix)
+    at = data.index(b"tkhd") + 4 + 40
+    path.write_bytes(data[:at] + struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30) + data[at + 36 :])
+    read = VideoReader(path).read(1)
+    assert read.shape == shown(image).shape
+    assert np.abs(read.astype(int) - shown(image)).mean() < 3
+
+
+def test_an_untagged_camera_has_the_matrix_of_the_others(tmp_path: Path, make: SimpleNamespace) -> None:
+    for camera, tag in (("a", 1), ("b", None), ("c", 1)):
+        make.video(tmp_path / "videos" / f"{camera}.mp4", [np.full((64, 96, 3), (200, 40, 40), np.uint8)] * 2, tag=tag)
+    footage = open_footage(CaptureSettings(root=tmp_path, masks="none"))
+    own = VideoReader(tmp_path / "videos/b.mp4", "bt709").read(0)
+    np.testing.assert_array_equal(footage.raw_image("b", 0), own)
+    assert "no color matrix" in footage.description
 
 
 def test_a_rate_without_rhythm_is_refused(tmp_path: Path, make: SimpleNamespace) -> None:
