@@ -9,7 +9,14 @@ from pathlib import Path, PurePosixPath
 
 from v3studio.studio.bounded_files import parse_json, read_bounded
 from v3studio.studio.capture.inference import Layout, groups_of, infer_layouts, looks_like_camera, shared_start
-from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, Match, find_files, walk
+from v3studio.studio.capture.patterns import (
+    IMAGE_EXTENSIONS,
+    VIDEO_EXTENSIONS,
+    Match,
+    find_files,
+    refuse_other_kinds,
+    walk,
+)
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 
@@ -78,6 +85,7 @@ def detect_images(root: Path) -> tuple[str, list[Match]]:
             "masks/CAMERA/FRAME.png, cameras to intri.yml and extri.yml."
         )
         raise StudioError("footage.container", problem, file=root / container, fix=fix)
+    refuse_other_kinds(root, listing())
     fix = "Put videos in videos/ or images in images/CAMERA/FRAME.png."
     raise StudioError("footage.not_found", "no footage found", file=root, fix=fix, setting="capture.images")
 
@@ -383,6 +391,7 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
             f"{name}/{{frame}}/img_{{camera}}.*",  # ReRF
             f"{{frame}}/{name}/image_c_{{camera}}_f_{{frame}}.*",  # PKU-DyMVHumans, data_COLMAP
             f"img/{{frame}}/{name}/img_{{camera}}.*",  # NHR
+            *_of_objects(inside[name], wanted),
             *(layout.pattern for group in groups_of(inside[name]) for layout in infer_layouts(group, wanted)),
         ):
             matched = _of_cameras(root, pattern, wanted)
@@ -396,6 +405,27 @@ def all_beside(root: Path, folders: re.Pattern[str], cameras: Sequence[str]) -> 
         beside = [path for path in listing() if _is_mask(path, stems)]
         patterns += [layout.pattern for group in groups_of(beside) for layout in infer_layouts(group, wanted)]
     yield from (matched for pattern in patterns if (matched := _of_cameras(root, pattern, wanted)) is not None)
+
+
+def _of_objects(paths: Sequence[str], cameras: Collection[str]) -> list[str]:
+    """The pattern of masks in a folder or file per object, such as masks/cam0/001/00000.png, in a list; empty if the
+    paths are no such files."""
+    depths = Counter(path.count("/") for path in paths)
+    depth = max(depths, key=lambda depth: depths[depth], default=0)
+    split = [(*path.split("/")[:-1], PurePosixPath(path).stem) for path in paths if path.count("/") == depth]
+    extensions = {PurePosixPath(path).suffix for path in paths}
+    extension = extensions.pop() if len(extensions) == 1 else ".*"
+    patterns: dict[str, int] = {}
+    for column in range(1, depth + 1):
+        objects = {parts[column] for parts in split}
+        rest = {(*parts[:column], *parts[column + 1 :]) for parts in split}
+        if len(objects) < 2 or objects & set(cameras) or len(rest) == len(split):
+            continue
+        layouts = infer_layouts(sorted("/".join(parts) + ".png" for parts in rest), cameras)
+        if layouts and layouts[0].is_grid:
+            parts = layouts[0].pattern.removesuffix(".png").split("/")
+            patterns["/".join([*parts[:column], "{object}", *parts[column:]]) + extension] = len(objects)
+    return sorted(patterns, key=lambda pattern: patterns[pattern])[:1]
 
 
 def folders_named(root: Path, folders: re.Pattern[str]) -> list[str]:

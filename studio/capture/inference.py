@@ -89,10 +89,15 @@ def _layout(split: Sequence[tuple[str, ...]], forms: Sequence[_Form], extension:
         grid.add((*cameras, *frames))
     known = frozenset(str(place[0]) for place in grid)
     count = len({place[1:] for place in grid})
+    own = sum(form.score for form in forms)
+    if count == len(grid) and len(known) > 1 and len(grid) == len(split):  # no number is in two cameras
+        each = {len([place for place in grid if place[0] == camera]) for camera in known}
+        if len(each) == 1 and each != {1}:
+            count, own = each.pop(), own - 1
     coverage = len(grid) / (len(known) * count)
     if len(grid) < len(split) or coverage < _LEAST_COVERAGE:
         return None
-    score = 2 * coverage + 4 * (len(known) > 1) + 4 * (count > 1) + sum(form.score for form in forms)
+    score = 2 * coverage + 4 * (len(known) > 1) + 4 * (count > 1) + own
     return Layout("/".join(form.fragment for form in forms) + extension, known, count, score)
 
 
@@ -117,6 +122,28 @@ def _forms(names: Sequence[str]) -> Iterator[_Form]:
         yield _Form(f"{head}{{frame}}{tail}", fields, _frame_score(head, middles))
     yield from _both(names, _CAMERA_FIRST, 0)
     yield from _both(names, _FRAME_FIRST, 3)
+    yield from _with_other_parts(names)
+
+
+def _with_other_parts(names: Sequence[str]) -> Iterator[_Form]:
+    """Names with a time in seconds, or with a number before or behind a part that differs from camera to camera."""
+    times = [re.fullmatch(r"(.*?)(\d+\.\d{2,}|\d{9,}_(?:\d{6}|\d{9}))(\D*)", name) for name in names]
+    if all(times) and len({(match[1], match[3], len(re.split("[._]", match[2])[1])) for match in times if match}) == 1:
+        first = times[0]
+        assert first is not None
+        fields = {match[0]: ("", round(1e6 * float(match[2].replace("_", ".")))) for match in times if match}
+        yield _Form(f"{first[1]}{{seconds}}{first[3]}", dict(fields), 4)
+    for expression, frame, form in (
+        (rf"(\d+)({_JOIN})(.+)", 1, "{{frame}}{join}*"),
+        (rf"(.+)({_JOIN})(\d+)", 3, "{head}*{join}{{frame}}"),
+    ):
+        parts = [re.fullmatch(expression, name) for name in names]
+        joins, others = {match[2] for match in parts if match}, {match[4 - frame] for match in parts if match}
+        if all(parts) and len(joins) == 1 and len(others) > 1:
+            numbers = [match[frame] for match in parts if match]
+            fragment = form.format(head=shared_start(sorted(others)), join=joins.pop())
+            own = {name: ("", int(number)) for name, number in zip(names, numbers, strict=True)}
+            yield _Form(fragment, dict(own), _frame_score("", numbers) - 1)
 
 
 def _both(names: Sequence[str], expression: re.Pattern[str], camera: int) -> Iterator[_Form]:
@@ -155,8 +182,9 @@ def _frame_score(before: str, numbers: Sequence[str]) -> float:
     score = 0.0
     if before and _AFTER_FRAME_WORD.fullmatch(before):
         score += 3
-    score += min(len(number) for number in numbers) >= 3
-    return score + 0.5 * (max(frames) - min(frames) + 1 == len(frames))
+    counts = max(frames) - min(frames) + 1 == len(frames)
+    score += min(len(number) for number in numbers) >= 3 and (counts or any(number[0] == "0" for number in numbers))
+    return score + 0.5 * counts + (counts and min(frames) in (0, 1))
 
 
 def shared_start(names: Sequence[str]) -> str:

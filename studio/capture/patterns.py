@@ -1,31 +1,64 @@
 """Path patterns with `{camera}` and `{frame}`: which file belongs to which camera and frame.
 
-`{chapter}` stands for what distinguishes the files into which a camera splits one recording, in their order.
+`{chapter}` stands for what distinguishes the files into which a camera splits one recording, in their order, `{object}`
+for what distinguishes the masks of several objects, and `{seconds}` for a time that says which frame it is.
 """
 
+import itertools
 import os
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
 
+from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 
-IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr", ".dpx"})
-_OTHER_IMAGES = frozenset({".heic", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".jp2", ".tga", ".ppm", ".gif"})
-VIDEO_EXTENSIONS = frozenset({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mxf", ".ts", ".mpg", ".mpeg", ".wmv"})
+IMAGE_EXTENSIONS = frozenset({".png", ".jpg", ".jpeg", ".webp", ".avif", ".tif", ".tiff", ".bmp", ".exr", ".dpx"})
+_OTHER_IMAGES = frozenset({
+    ".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".jp2", ".jxl", ".tga", ".ppm",
+    ".pgm", ".gif", ".psd", ".hdr",
+})  # fmt: skip
+_OTHER_VIDEOS = frozenset({".r3d", ".braw", ".insv", ".360", ".flv", ".f4v", ".y4m", ".yuv", ".rm", ".dav"})
+OTHER_EXTENSIONS = _OTHER_IMAGES | _OTHER_VIDEOS
+"""Those of images and videos that are not read."""
+VIDEO_EXTENSIONS = frozenset(
+    {
+        ".mp4",
+        ".mov",
+        ".mkv",
+        ".avi",
+        ".webm",
+        ".m4v",
+        ".mxf",
+        ".ts",
+        ".mpg",
+        ".mpeg",
+        ".wmv",
+        ".mts",
+        ".m2ts",
+        ".m2t",
+        ".3gp",
+        ".vob",
+    }
+)
 
-_TOKEN = re.compile(r"\{camera\}|\{chapter\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
+_TOKEN = re.compile(r"\{camera\}|\{chapter\}|\{object\}|\{seconds\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
+
+
+_BODIES = {"camera": "[^/]+?", "chapter": "[^/]+?", "object": "[^/]+?", "seconds": r"\d+[._]\d+"}
 
 
 @dataclass(frozen=True)
 class Match:
-    """A file that matches a pattern. Without `{frame}` in it, `frame` is None; without `{chapter}`, `chapter` is ""."""
+    """A file that matches a pattern. Without `{frame}` in it, `frame` is None; without `{chapter}` and `{object}`,
+    `chapter` is ""."""
 
     path: Path
     camera: str
     frame: int | None
     chapter: str = ""
+    seconds: float | None = None
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
@@ -41,6 +74,17 @@ def without_extension(path: str) -> str:
     return head if dot and known else path
 
 
+_TRAILING = re.compile(r"[_.\- ]*(frame|f|t)?[_.\- ]*\d+$", re.IGNORECASE)
+_LEADING = re.compile(r"^(frame|f|t)?[_.\- ]*\d+[_.\- ]+", re.IGNORECASE)
+
+
+def camera_in(path: str) -> tuple[str, ...]:
+    """What may be the camera's name in the path of an image, likeliest first: the file's name, without a number at its
+    end or beginning, and the names of its folders, of which those that it lacks are ""."""
+    *folders, name = PurePosixPath(without_extension(path)).parts
+    return name, _TRAILING.sub("", name), _LEADING.sub("", name), *[*folders[::-1], "", "", ""][:3]
+
+
 def _expression(pattern: str, whole: str) -> re.Pattern[str]:
     parts: list[str] = []
     position = 0
@@ -53,15 +97,15 @@ def _expression(pattern: str, whole: str) -> re.Pattern[str]:
             parts.append("[^/]*" if text == "*" else "[^/]")
         elif text == "**/":
             parts.append("(?:[^/]+/)*")
-        elif text in ("{camera}", "{chapter}") or text.startswith("{frame"):
+        elif text[1:-1] in _BODIES or text.startswith("{frame"):
             name = "frame" if text.startswith("{frame") else text[1:-1]
             width = token.group(1)
-            body = "[^/]+?" if name != "frame" else rf"\d{{{width},}}" if width else r"\d+"
+            body = _BODIES[name] if name != "frame" else rf"\d{{{width},}}" if width else r"\d+"
             parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>{body})")
             seen.add(name)
         else:
             problem = f"Pattern '{whole}': unknown placeholder {text}"
-            fix = "Use {camera}, {frame}, {frame:06d} or {chapter}."
+            fix = "Use {camera}, {frame}, {frame:06d}, {seconds}, {chapter} or {object}."
             raise StudioError("footage.bad_pattern", problem, value=whole, fix=fix, placeholder=text)
     parts.append(re.escape(pattern[position:]))
     return re.compile("".join(parts))
@@ -120,7 +164,10 @@ def find_files(
             continue
         groups = match.groupdict()
         frame = int(groups["frame"]) if groups.get("frame") is not None else None
-        key = (groups["camera"], frame, groups.get("chapter") or "")
+        seconds = float(groups["seconds"].replace("_", ".")) if "seconds" in groups else None
+        if seconds is not None:
+            frame = round(1e6 * seconds)  # until all are known
+        key = (groups["camera"], frame, groups.get("chapter") or groups.get("object") or "")
         path = base / relative
         if key in matches:
             what = f"camera '{key[0]}'" if frame is None else f"frame {frame} of camera '{key[0]}'"
@@ -134,10 +181,39 @@ def find_files(
                 frame=frame,
                 other=matches[key].path,
             )
-        matches[key] = Match(path, *key)
+        matches[key] = Match(path, *key, seconds)
     return sorted(
-        matches.values(), key=lambda match: (natural_key(match.camera), match.frame or 0, natural_key(match.chapter))
+        _numbered(list(matches.values())),
+        key=lambda match: (natural_key(match.camera), match.frame or 0, natural_key(match.chapter)),
     )
+
+
+def _numbered(matches: list[Match]) -> list[Match]:
+    """The matches, numbered by their times if they have them: from 0 seconds on, at the rate of most of them."""
+    if not matches or any(match.seconds is None for match in matches):
+        return matches
+    times = {match.camera: sorted(m.seconds or 0 for m in matches if m.camera == match.camera) for match in matches}
+    interval = interval_of([time for own in times.values() for time in own]) or 1.0
+    first = min(own[0] for own in times.values())
+    before = int(first % 86400 / interval + 1e-3)  # within the day, as times may be those since 1970
+    return [replace(m, frame=before + round(((m.seconds or 0) - first) / interval)) for m in matches]
+
+
+def interval_of(times: Sequence[float]) -> float | None:
+    """The usual interval of times in any order, rounded to 10 microseconds; None if they are all the same."""
+    gaps = sorted(later - earlier for earlier, later in itertools.pairwise(sorted(times)) if later - earlier > 1e-3)
+    return round(gaps[len(gaps) // 2], 5) if gaps else None
+
+
+def refuse_other_kinds(root: Path, paths: Iterable[str]) -> None:
+    """Raise StudioError (footage.unsupported_kind) if some are images or videos of kinds that are not read."""
+    kinds = [suffix for path in paths if (suffix := Path(path).suffix.lower()) in OTHER_EXTENSIONS]
+    if kinds:
+        kind = max(set(kinds), key=kinds.count)
+        problem = f"{counted(kinds.count(kind), 'file')} of the kind {kind}, which is not read"
+        better = "PNG or TIFF images" if kind in _OTHER_IMAGES else "MP4 or MOV videos"
+        fix = f"Convert them to {better} with the same names."
+        raise StudioError("footage.unsupported_kind", problem, file=root, value=kind, fix=fix)
 
 
 def number_ranges(numbers: list[int]) -> str:

@@ -61,7 +61,8 @@ class FileSettings(Settings):
     Patterns are paths below `root` (or absolute) with `{camera}`, `{frame}` (or `{frame:06d}` for zero-padded numbers),
     `*`, `?` and `**/`: `videos/{camera}.mp4` is one video per camera, `images/{camera}/{frame:06d}.png` a folder per
     camera, `{frame}/images/{camera}.png` a folder per frame, `images/{camera}.jpg` a single frame,
-    `{camera}/G{chapter}????.MP4` a folder per camera with one recording in several videos, in the order of `{chapter}`.
+    `{camera}/G{chapter}????.MP4` a folder per camera with one recording in several videos, in the order of `{chapter}`,
+    `images/{camera}/{seconds}.png` images that are named by their times.
     """
 
     affects: ClassVar[Affects | None] = _DEFAULT
@@ -123,8 +124,8 @@ class FileSettings(Settings):
     See docs/guides/masks.md."""
 
     mask_files: str = "auto"
-    """Pattern of the mask files: soft masks, or labels, of which all but 0 are the performer. auto: search folders with
-    names such as masks, mattes, seg or alpha."""
+    """Pattern of the mask files: soft masks, or labels, of which all but 0 are the performer. With {object}, several
+    files are joined to one mask. auto: search folders with names such as masks, mattes, seg or alpha."""
 
     mask_labels: Annotated[tuple[Annotated[int, Field(ge=0, le=65535)], ...], Empty("all but 0")] = ()
     """If the values of mask files are labels, such as numbers of people: the labels of the performer. Empty: all but 0.

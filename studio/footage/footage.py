@@ -33,6 +33,7 @@ class Footage:
         camera_names: all cameras, in natural order (cam2 before cam10).
         train_cameras, held_out_cameras: the cameras to train on, and those used only for evaluation.
         without_masks: other cameras of the footage, which are not used since they have no masks.
+        not_chosen: other cameras of the footage, which `spec.cameras` does not name.
         frames: frame numbers as in the files, after start, stop and step.
         fps: frames per second of these frames: the footage's rate divided by step.
         notes: the files that were found and how they are read, one sentence each.
@@ -59,6 +60,7 @@ class Footage:
     sound: CaptureSound | None = None
     _garbage: GarbageMasks | None = None
     without_masks: tuple[str, ...] = ()
+    not_chosen: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self.camera_names = tuple(self._sources)
@@ -118,8 +120,8 @@ class Footage:
         return source.width, source.height
 
     def has_lens_distortion(self, camera: str) -> bool:
-        """Return whether the stored frames have lens distortion, which `image` removes. False without calibration."""
-        return not self._warp(camera).source.is_pinhole
+        """Whether the stored frames have lens distortion, which `image` removes. False without calibration."""
+        return not self._warp(camera).is_straight
 
     def frames_of(self, camera: str) -> tuple[int, ...]:
         """All frame numbers of one camera, including those that other cameras lack."""
@@ -215,7 +217,7 @@ class Footage:
         """Chroma grid of a camera's images, at the size of the footage if `full_size`. None without subsampling, for
         image files, and for images that are undistorted or scaled, since these have no such grid."""
         source, warp = self._source(camera), self._warp(camera)
-        return source.chroma if warp.is_identity or (full_size and warp.source.is_pinhole) else None
+        return source.chroma if warp.is_identity or (full_size and warp.is_straight) else None
 
     def digest(self, names: Mapping[Path, str] | None = None) -> str:
         """Hexadecimal digest of `files()`: names (see `digest_files`), sizes and contents."""
@@ -291,7 +293,7 @@ class Footage:
                 self._cache.drop((kind, camera, frame))
 
     def _maps(self, camera: str, warp: Warp) -> tuple[np.ndarray, np.ndarray] | None:
-        if warp.source.is_pinhole:
+        if warp.is_straight:
             return None
         first, second = self._undistortion_maps.get_or_make(camera, lambda _: warp.maps())
         return first, second

@@ -9,7 +9,13 @@ from pathlib import Path
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.capture.detect import chapters_of_one, detect_images, parts_pattern
 from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource, ImageSource, decoder_limit, make_sources
-from v3studio.studio.capture.patterns import Match, find_files, number_ranges
+from v3studio.studio.capture.patterns import (
+    OTHER_EXTENSIONS,
+    Match,
+    find_files,
+    number_ranges,
+    refuse_other_kinds,
+)
 from v3studio.studio.capture.settings import EVERY, CaptureSettings
 from v3studio.studio.counts import cameras_listed, counted, listed, plural
 from v3studio.studio.errors import Message, StudioError, shown
@@ -26,6 +32,7 @@ from v3studio.studio.memory_cache import image_cache
 from v3studio.studio.storage import is_address, mirrored
 from v3studio.studio.yaml_text import inline_yaml
 
+_MOST_APART = 0.5  # frames
 _SUGGESTED_STEP = 8  # of so many cameras, one is suggested to be held out
 
 
@@ -78,7 +85,8 @@ def open_footage(
     cache_folder = None if cache_folder is None else Path(cache_folder)
     spec = on_this_machine(spec)
     pattern, matches = _find_images(spec)
-    names = tuple(dict.fromkeys(match.camera for match in matches))
+    matches, counter_note = _own_counters(matches)
+    names = known = tuple(dict.fromkeys(match.camera for match in matches))
     if spec.cameras:
         refuse_unknown_cameras(spec.cameras, names, "capture.cameras")
         matches = [match for match in matches if match.camera in spec.cameras]
@@ -87,7 +95,7 @@ def open_footage(
         refuse_missing(rig, names)
     held_out = held_out_cameras(spec, names)
     if rig is not None:
-        rig = rig_of_footage(rig, spec, [name for name in names if name not in without_masks], without_masks)
+        rig = rig_of_footage(rig, spec, [name for name in names if name not in without_masks], without_masks, known)
         matches = [match for match in matches if match.camera in rig]
         held_out = tuple(name for name in held_out if name in rig)
     pool = DecoderPool(4)
@@ -101,9 +109,10 @@ def open_footage(
     frames, problems = _frames(spec, sources)
     if strict and problems:
         raise _all_of(problems)
-    rate, fps_note = _fps(spec, sources)
+    rate, fps_note = _fps(spec, sources, max(frames, default=0))
     sound = find_sound(spec, sources, rate)
-    notes, choices = [_found(spec, pattern, sources, frames), _video_notes(sources)], [fps_note]
+    notes = [_found(spec, pattern, sources, frames), counter_note, _video_notes(sources)]
+    choices = [fps_note]
     if sound is not None:
         notes.append(f"Sound: {sound.path.name}, {sound.file.description}.")
     limit = min(2 << 30, memory_limit() // 8)
@@ -130,6 +139,7 @@ def open_footage(
     return Footage(
         spec, sources, frames, held_out, rate / spec.frame_range[2], mask_source, exact, warps, pool, cache,
         tuple(filter(None, notes)), tuple(filter(None, choices)), tuple(problems), sound, garbage, left_out,
+        tuple(name for name in known if name not in names),
     )  # fmt: skip
 
 
@@ -181,12 +191,32 @@ def _find_images(spec: CaptureSettings) -> tuple[str, list[Match]]:
         return detect_images(spec.root)
     matches = find_files(spec.root, spec.images)
     if not matches:
+        others = find_files(spec.root, spec.images, OTHER_EXTENSIONS)
+        refuse_other_kinds(spec.root, [match.path.name for match in others])
         problem = f"no image or video matches the pattern '{spec.images}'"
         fix = f"Check capture.images.{_instead(spec.root)}"
         raise StudioError(
             "footage.not_found", problem, file=spec.root, value=spec.images, fix=fix, setting="capture.images"
         )
     return spec.images, matches
+
+
+def _own_counters(matches: list[Match]) -> tuple[list[Match], str]:
+    """The matches, numbered from 0 if each camera counts its images without gaps from a number of its own; and a note
+    on that, or ""."""
+    numbers: dict[str, list[int]] = {}
+    for match in matches:
+        if match.frame is not None and not match.chapter:
+            numbers.setdefault(match.camera, []).append(match.frame)
+    counts = {len(own) for own in numbers.values()}
+    every = [number for own in numbers.values() for number in own]
+    if len(numbers) < 2 or len(counts) > 1 or len(set(every)) < len(every) or len(every) < 2 * len(numbers):
+        return matches, ""
+    if any(max(own) - min(own) + 1 > len(own) for own in numbers.values()):
+        return matches, ""
+    first = {camera: min(own) for camera, own in numbers.items()}
+    note = "Each camera counts its images from a number of its own: the first ones are taken as of the same time."
+    return [replace(match, frame=(match.frame or 0) - first[match.camera]) for match in matches], note
 
 
 def _instead(root: Path) -> str:
@@ -284,7 +314,8 @@ def _common_span(spec: CaptureSettings, wanted: Sequence[int], common: Set[int])
     return f", or set capture.frames to {first}:{last}{every} to use only common frames"
 
 
-def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[float, str]:
+def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource], last: int) -> tuple[float, str]:
+    """The frame rate, and a note on it. Rates of videos must keep frames of one number, up to `last`, together."""
     if spec.fps is not None:
         return spec.fps, ""
     rates = {camera: source.fps for camera, source in sources.items() if source.fps}
@@ -292,10 +323,15 @@ def _fps(spec: CaptureSettings, sources: Mapping[str, FrameSource]) -> tuple[flo
         several = max(len(source.frames) for source in sources.values()) > 1
         return 30.0, "The files do not specify a frame rate: using 30 fps (set capture.fps)." if several else ""
     slowest, fastest = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
-    if rates[fastest] > 1.005 * rates[slowest]:
+    apart = (rates[fastest] / rates[slowest] - 1) * last  # frames
+    if rates[fastest] > 1.005 * rates[slowest] or apart > _MOST_APART:
         problem = f"Camera '{slowest}' has {rates[slowest]:g} fps and camera '{fastest}' {rates[fastest]:g} fps"
+        problem += f", so that their frames {last} are {apart:.1f} frames apart"
         value = (rates[slowest], rates[fastest])
-        fix = "Convert the footage to one frame rate, or set capture.fps if the frames do correspond."
+        fix = (
+            f"Convert all videos to one frame rate (ffmpeg -i IN -fps_mode cfr -r {rates[fastest]:g} OUT), or set "
+            "capture.fps if frames of the same number do correspond."
+        )
         raise StudioError(
             "footage.fps_mismatch", problem, value=value, fix=fix, cameras=(slowest, fastest), setting="capture.fps"
         )

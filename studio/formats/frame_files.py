@@ -107,7 +107,11 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     frames. If several change, it is the one after a word such as `frame`, otherwise the last one, provided that the
     others say the same order.
     """
-    parsed = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", _stem(name).lower()) for name in names]
+    stems = [_stem(name).lower() for name in names]
+    times = [re.findall(r"(\d+)\.(\d+)", stem) for stem in stems]
+    if all(len(own) == 1 for own in times) and len({len(own[0][1]) for own in times}) == 1:  # seconds
+        stems = [re.sub(r"(\d+)\.(\d+)", r"\1\2", stem) for stem in stems]
+    parsed = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", stem) for stem in stems]
     if len({tuple(word for word, _ in numbers) for numbers in parsed}) > 1:  # named differently: their last numbers
         frames = [[int(number) for word, number in numbers if word not in _NOT_FRAMES] for numbers in parsed]
         return [numbers[-1] if numbers else -1 for numbers in frames]

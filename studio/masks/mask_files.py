@@ -1,7 +1,8 @@
 """Masks that were made elsewhere: images or videos."""
 
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from v3studio.studio.capture.detect import MASK_FOLDERS, all_beside
 from v3studio.studio.capture.frame_sources import DecoderPool, FrameSource, make_sources
 from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS, Match, find_files, number_ranges
 from v3studio.studio.capture.settings import CaptureSettings
-from v3studio.studio.counts import cameras_listed, plural
+from v3studio.studio.counts import cameras_listed, counted, plural
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 from v3studio.studio.masks.mask_values import INVERTED, LOSSY, MaskValues, mask_channel, read_mask_values, values_in
@@ -25,8 +26,9 @@ class FileMaskSource:
     but 0. Masks that differ in size from the images are resized if the aspect ratio is the same.
     """
 
-    def __init__(self, sources: Mapping[str, FrameSource], labels: tuple[int, ...] = ()) -> None:
+    def __init__(self, sources: Mapping[str, FrameSource], labels: tuple[int, ...] = (), note: str = "") -> None:
         self._sources = dict(sources)
+        self.note = note  # the end of a sentence on how the files are numbered
         self._labels = labels
         self._values: dict[str, MaskValues] = {}
 
@@ -140,8 +142,28 @@ def _instead_of_inverted(meaning: MaskValues, chosen: tuple[int, ...]) -> str:
     return "Write them again, with 0 for the background."
 
 
+class _Objects(FrameSource):
+    """The masks of a camera's objects, whose values are joined by `_read`."""
+
+    def __init__(self, parts: Sequence[FrameSource]) -> None:
+        self.parts = tuple(parts)
+        self.frames = tuple(sorted({frame for part in parts for frame in part.frames}))
+
+    def files(self, frames: Iterable[int] | None = None) -> list[Path]:
+        wanted = self.frames if frames is None else tuple(frames)
+        return [path for part in self.parts for path in part.files([f for f in wanted if f in part.frames])]
+
+
 def _read(source: FrameSource, frame: int) -> np.ndarray:
     """The values of a mask, (H, W)."""
+    if isinstance(source, _Objects):
+        masks = [_read(part, frame) for part in source.parts if frame in part.frames]
+        if len({mask.shape for mask in masks}) > 1:
+            problem = f"the masks of the objects differ in size in frame {frame}"
+            fix = "Write them again with one size."
+            raise StudioError("mask.object_sizes", problem, file=source.files([frame])[0], fix=fix, frame=frame)
+        joined: np.ndarray = np.maximum.reduce(masks)
+        return joined
     files = source.files([frame])
     if not files or files[0].suffix.lower() in VIDEO_EXTENSIONS:
         return mask_channel(source.read(frame))
@@ -163,8 +185,9 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
     pattern, matches = files
     needed = [name for name in inputs.names if name not in inputs.held_out]
     source = _file_mask_source(
-        matches, inputs.spec, needed, inputs.frames, inputs.pool, "mask", inputs.spec.mask_labels, not required
-    )
+        matches, inputs.spec, needed, inputs.frames, inputs.pool, "mask", inputs.spec.mask_labels, not required,
+        inputs.sources,
+    )  # fmt: skip
     meanings = source.sampled
     wanted = inputs.spec.mask_labels
     known = sorted({label for meaning in meanings.values() for label in meaning.labels})
@@ -174,7 +197,9 @@ def open_files(inputs: MaskInputs, required: bool) -> tuple[MaskSource, str] | N
         raise StudioError(
             "mask.no_label", problem, file=inputs.spec.root, value=wanted, fix=fix, setting="capture.mask_labels"
         )
-    return source, f"files '{pattern}'{_described(meanings)}"
+    objects = sorted({match.chapter for match in matches if match.chapter})
+    joined = f", of {counted(len(objects), 'object')} that are joined: {', '.join(objects)}" if objects else ""
+    return source, f"files '{pattern}'{_described(meanings)}{joined}{source.note}"
 
 
 def _described(meanings: Mapping[str, MaskValues]) -> str:
@@ -236,9 +261,18 @@ def _file_mask_source(
     what: str,
     labels: tuple[int, ...] = (),
     lenient: bool = False,
+    footage: Mapping[str, FrameSource] | None = None,
 ) -> FileMaskSource:
-    """Masks of the cameras `names`, one for each of `frames`; if `lenient`, half of the cameras may have none."""
-    sources = make_sources(matches, pool, spec.offsets, "srgb", "auto")
+    """Masks of the cameras `names`, one for each of `frames`; if `lenient`, half of the cameras may have none. Those of
+    all frames of the `footage` may count from another number."""
+    sources = _sources(matches, pool, spec.offsets)
+    shift = _shift(sources, footage or {})
+    note = ""
+    if shift:
+        sources = _sources(matches, pool, {name: spec.offsets.get(name, 0) - own for name, own in shift.items()})
+        name, own = next(iter(shift.items()))
+        note = f"; they count from another number: that of frame {sources[name].frames[0]} is numbered "
+        note += f"{sources[name].frames[0] - own}"
     without = [name for name in names if name not in sources] if frames else []
     if without and not (lenient and 2 * len(without) <= len(names)):
         others = [name for name in names if name not in without]
@@ -263,7 +297,40 @@ def _file_mask_source(
             )
             fix = "Add the missing files, or rename them to the numbers of the images."
             raise StudioError("mask.missing", problem, fix=fix, camera=name, frames=tuple(missing), kind=what)
-    return FileMaskSource(sources, labels)
+    return FileMaskSource(sources, labels, note)
+
+
+def _sources(matches: list[Match], pool: DecoderPool, offsets: Mapping[str, int]) -> dict[str, FrameSource]:
+    """The masks by camera; those of several objects joined."""
+    by_object: dict[str, list[Match]] = {}
+    for match in matches:
+        by_object.setdefault(match.chapter, []).append(replace(match, chapter=""))
+    parts = [make_sources(own, pool, offsets, "srgb", "auto") for own in by_object.values()]
+    if len(parts) == 1:
+        return parts[0]
+    cameras = dict.fromkeys(name for part in parts for name in part)
+    return {name: _Objects([part[name] for part in parts if name in part]) for name in cameras}
+
+
+def _shift(masks: Mapping[str, FrameSource], footage: Mapping[str, FrameSource]) -> dict[str, int]:
+    """By how much the masks' numbers are less than those of their images, by camera; empty if they are the same. Raises
+    StudioError (mask.other_numbers) if they are not, but it is not clear which mask belongs to which image."""
+    shift: dict[str, int] = {}
+    for name, source in masks.items():
+        mine, theirs = source.frames, footage[name].frames if name in footage else source.frames
+        if set(mine) <= set(theirs) or set(theirs) <= set(mine) or not theirs:
+            continue
+        steps = {their - own for their, own in zip(theirs, mine, strict=False)}
+        if len(mine) == len(theirs) and len(steps) == 1:
+            shift[name] = steps.pop()
+        elif mine[0] in (0, 1) and theirs[0] != mine[0]:
+            problem = (
+                f"the masks of camera '{name}' are numbered {number_ranges(list(mine))}, its images "
+                f"{number_ranges(list(theirs))}, so that it is not clear which belong together"
+            )
+            fix = "Give each mask the number of its image."
+            raise StudioError("mask.other_numbers", problem, file=source.files()[0], fix=fix, camera=name)
+    return shift
 
 
 def exact_masks(

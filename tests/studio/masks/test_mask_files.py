@@ -220,3 +220,36 @@ def test_an_opaque_alpha_channel_is_no_mask(tmp_path: Path, make: SimpleNamespac
         Image.open(file).convert("RGBA").save(file)
     assert np.array_equal(open_footage(CaptureSettings(root=root)).mask("a", 0) > 0, INSIDE)
     assert "opaque" in open_footage(CaptureSettings(root=root, masks="alpha")).description
+
+
+def test_masks_of_objects_are_joined(tmp_path: Path, make: SimpleNamespace) -> None:
+    """A folder per object, as video segmentation writes them; one appears later, and one file per object as well."""
+    root = capture(tmp_path, make, ".png", pillow(ONE * 255))
+    for path in sorted((root / "masks").rglob("*.png")):
+        for number, part in enumerate((INSIDE & ~SECOND, SECOND)):
+            target = path.parent / f"{number:03d}" / path.name
+            target.parent.mkdir(exist_ok=True)
+            Image.fromarray(np.where(part, 255, 0).astype(np.uint8)).save(target)
+        path.unlink()
+    footage = open_footage(CaptureSettings(root=root))
+    assert "2 objects" in footage.description
+    for camera in footage.camera_names:
+        assert ((footage.mask(camera, footage.frames[0]) > 127) == INSIDE).all()
+
+
+@pytest.mark.parametrize("frames", [None, ":3"])
+def test_masks_that_count_from_0_beside_images_that_count_from_1(
+    tmp_path: Path, make: SimpleNamespace, frames: str | None
+) -> None:
+    for frame in range(4):
+        for camera in ("a", "b"):
+            mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+            mask[20:40, 10 * frame : 10 * frame + 20] = 255
+            make.image(tmp_path / f"images/{camera}/{frame + 1:04d}.png", make.numbered(frame))
+            make.image(tmp_path / f"masks/{camera}/{frame:04d}.png", mask)
+    footage = open_footage(CaptureSettings(root=tmp_path, frames=frames))
+    for frame in footage.frames:
+        assert np.flatnonzero(footage.mask("a", frame)[30] > 127)[0] == 10 * (frame - 1)
+    (tmp_path / "masks/a/0003.png").unlink()
+    with refuses("mask.other_numbers", camera="a"):
+        open_footage(CaptureSettings(root=tmp_path, frames=":3"))
