@@ -17,6 +17,7 @@ from v3studio.pipelines.reports.calibration import (
 )
 from v3studio.pipelines.stages import Executor, stage_named
 from v3studio.pipelines.stages.calibrate_plan import CalibratePlan
+from v3studio.pipelines.stages.camera_file import rig_of_capture
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.known_cameras import (
     at_footage_size,
@@ -35,7 +36,7 @@ from v3studio.pipelines.takes.results.summaries import CalibrateSummary
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.atomic_files import atomic_path, remove
 from v3studio.studio.calibration.report import CalibrationReport, IntrinsicsReport
-from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.camera_files import write_rig
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.counts import cameras_listed, counted
 from v3studio.studio.errors import Message, StudioError
@@ -124,10 +125,8 @@ def _tell(report: CamerasReport, reporter: StageReporter) -> None:
 
 
 def _from_file(plan: CalibratePlan, path: Path) -> tuple[Rig, CamerasFromFile]:
-    from v3studio.studio.footage import rig_of_footage
-
     footage = plan.footage
-    rig = rig_of_footage(read_rig(path), plan.config.capture, footage.camera_names, footage.without_masks)
+    rig = rig_of_capture(path, footage)
     check_sizes(rig, footage, path)
     framed = frame_sentence(own_frame(rig))
     notes = rig.notes if framed is None else (*rig.notes, framed)

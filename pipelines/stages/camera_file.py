@@ -14,6 +14,7 @@ from v3studio.studio.capture.settings import FileSettings
 from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
+    from v3studio.studio.cameras import Rig
     from v3studio.studio.footage import Footage
 
 _FOLDERS = (
@@ -50,10 +51,17 @@ def camera_file(settings: FileSettings) -> Path | None:
     return files[0] if files else None
 
 
-def camera_file_text(footage: Footage) -> str:
-    """Say what is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
+def rig_of_capture(path: Path, footage: Footage) -> Rig:
+    """The cameras of a camera file that opened footage has, under their names there; see `rig_of_footage`."""
     from v3studio.studio.footage import rig_of_footage
 
+    sizes = {name: footage.raw_size(name) for name in footage.camera_names}
+    known = (*footage.camera_names, *footage.not_chosen)
+    return rig_of_footage(read_rig(path, sizes), footage.spec, footage.camera_names, footage.without_masks, known)
+
+
+def camera_file_text(footage: Footage) -> str:
+    """Say what is known about the calibration of opened footage, one sentence per line; or why it cannot be used."""
     try:
         path = camera_file(footage.spec)  # of a capture in object storage, this has the folder on this machine
     except StudioError as error:
@@ -62,7 +70,7 @@ def camera_file_text(footage: Footage) -> str:
         return "No camera file: Calibrate estimates the cameras."
     name = os.path.relpath(path, footage.spec.root)  # it may be beside the footage's folder
     try:
-        rig = rig_of_footage(read_rig(path), footage.spec, footage.camera_names, footage.without_masks)
+        rig = rig_of_capture(path, footage)
     except StudioError as error:
         return f"Camera file: {name}.\n{error}"
     return "\n".join([f"Camera file: {name}.", *rig.notes])

@@ -9,12 +9,14 @@ wrong.
 """
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from v3studio.studio.camera_files.common.camera_file import CameraFile
+from v3studio.studio.camera_files.common.nearby import sizes_of_capture
 from v3studio.studio.cameras import Rig
 from v3studio.studio.counts import cameras_listed
 from v3studio.studio.errors import StudioError, naming
@@ -22,6 +24,8 @@ from v3studio.studio.validation import camera_error
 
 __all__ = ["CAMERA_FORMATS", "CameraFormat", "find_camera_files", "read_rig", "write_rig"]
 
+_TEXTS = frozenset({".csv", ".json", ".toml", ".txt", ".xml", ".yaml", ".yml"})
+_MOST_BYTES = 4 << 20
 _LEAST_FOCAL = 0.1  # of the longer side of the image: a field of view of 157 degrees
 
 
@@ -101,8 +105,10 @@ CAMERA_FORMATS = (
         usual=("calibration.csv",),
     ),
     CameraFormat(
-        "toml_rigs", "`Calib*.toml` (Pose2Sim, Anipose), `camera_array.toml` (Caliscope)", "OpenCV's pixel origin",
-        named=("*.toml",), usual=("camera_array.toml", "Calib*.toml"), written=("*.toml",),
+        "toml_rigs", "`Calib*.toml` (Pose2Sim), `calibration.toml` (Anipose), `*_camera_calibration.toml` "
+        "(FreeMoCap), `camera_array.toml` (Caliscope)", "OpenCV's pixel origin",
+        named=("*.toml",), written=("*.toml",),
+        usual=("camera_array.toml", "Calib*.toml", "calibration.toml", "*_camera_calibration.toml"),
     ),
     CameraFormat(
         "metashape", "Metashape XML, such as `cameras.xml`",
@@ -127,7 +133,10 @@ CAMERA_FORMATS = (
         per_camera=tuple(
             f"{stem}.{extension}"
             for stem in (
-                "{camera}/config", "{camera}/calibration", "{camera}/camera", "{camera}/{camera}",
+                *(
+                    f"{folder}{{camera}}/{name}"
+                    for folder in ("", "calibration/") for name in ("config", "calibration", "camera", "{camera}")
+                ),
                 "calibration/{camera}", "cameras/{camera}",
             )
             for extension in ("xml", "yml", "yaml")
@@ -157,7 +166,8 @@ CAMERA_FORMATS = (
 
 def find_camera_files(folder: Path) -> list[Path]:
     """Camera files with usual names in a folder, or the folder itself if it contains a COLMAP model or MVSNet's files;
-    if there are none, the camera file of the first frame's folder of VideoGS, whose frames have the same cameras."""
+    if there are none, the camera file of the first frame's folder of VideoGS, whose frames have the same cameras, or
+    files of any name with several cameras."""
     paths = _with_usual_names(folder, is_spare=False)
     if any(form.is_folder and form.module.is_in(folder) for form in CAMERA_FORMATS):
         paths.append(folder)
@@ -166,7 +176,17 @@ def find_camera_files(folder: Path) -> list[Path]:
     if not paths:
         frames = [path for path in folder.glob("*/transforms.json") if path.parent.name.isdecimal()]
         paths = sorted(frames, key=lambda path: int(path.parent.name))[:1]
-    return paths
+    return paths or [path for path in sorted(folder.iterdir()) if _has_cameras(path)]
+
+
+def _has_cameras(path: Path) -> bool:
+    """Whether a file has several cameras, also if one of them is invalid."""
+    if path.suffix.lower() not in _TEXTS or not path.is_file() or path.stat().st_size > _MOST_BYTES:
+        return False
+    try:
+        return len(read_rig(path)) > 1
+    except StudioError as error:
+        return error.code.startswith("camera.")
 
 
 def _with_usual_names(folder: Path, is_spare: bool) -> list[Path]:
@@ -175,7 +195,7 @@ def _with_usual_names(folder: Path, is_spare: bool) -> list[Path]:
     return list(dict.fromkeys(paths))
 
 
-def read_rig(path: Path | str) -> Rig:
+def read_rig(path: Path | str, sizes: Mapping[str, tuple[int, int]] | None = None) -> Rig:
     """Read cameras; the format is detected from the file's name and content.
 
     Example:
@@ -187,6 +207,8 @@ def read_rig(path: Path | str) -> Rig:
         path: a file in a format of docs/reference/files.md; a folder with exactly one of these, with a COLMAP model,
             with *_cam.txt (MVSNet), or with one folder per frame (VideoGS); or a pattern with {camera} of OpenCV's XML
             or YAML files, one per camera.
+        sizes: width and height in pixels of the footage's cameras, by name, for files that have none and are not next
+            to the footage.
 
     Returns:
         the rig, in the conventions of `studio.cameras` (OpenCV axes, pixel origin at the image corner); its notes say
@@ -197,7 +219,7 @@ def read_rig(path: Path | str) -> Rig:
             of its cameras is invalid (camera.*). The error contains the file.
     """
     path = Path(path)
-    with naming(path):
+    with naming(path), sizes_of_capture(sizes or {}):
         if "{camera}" not in str(path) and not path.exists():
             raise StudioError("camera_file.missing", "camera file not found", fix="Check the path.")
         file = CameraFile(path)
@@ -205,7 +227,7 @@ def read_rig(path: Path | str) -> Rig:
         if form is None and path.is_dir():
             chosen = _only_file_in(path)
             if chosen != path:
-                return read_rig(chosen)
+                return read_rig(chosen, sizes)
             form = next(form for form in CAMERA_FORMATS if form.name == "colmap_model")
         if form is None:
             raise _unknown_format(file)
@@ -248,6 +270,8 @@ def _unknown_format(file: CameraFile) -> StudioError:
     if file.kind == "json":
         keys = ", ".join(f"'{key}'" for key in list(file.json)[:20]) if isinstance(file.json, dict) else "a list"
         problem = f"the JSON has no cameras under a known key ({keys or 'empty'})"
+    elif file.kind == "xml" and file.xml is not None:
+        problem = f"the XML has no cameras of a supported program (its root is <{file.xml.tag}>)"
     titles = ", ".join(form.title.replace("`", "") for form in CAMERA_FORMATS)
     return StudioError("camera_file.unknown_format", problem, fix=f"Supported are {titles}.")
 

@@ -14,8 +14,9 @@ from v3studio.studio.validation import missing_key
 
 
 def matches(file: CameraFile) -> bool:
-    """Return whether a file has this form."""
-    return isinstance(file.json_object.get("cameras"), dict)
+    """Whether a file has this form."""
+    content = file.json_object
+    return isinstance(content.get("cameras"), dict) and bool({"camera_poses", "extrinsics"} & content.keys())
 
 
 def read(file: CameraFile) -> Rig:

@@ -30,7 +30,10 @@ def read(file: CameraFile) -> Rig:
             raise
         raise _invalid(f"not a NumPy array ({error})") from None
     if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "fiu" or not len(rows):
-        raise _invalid(f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, expected Nx17 numbers")
+        problem = (
+            f"the array is {'x'.join(map(str, rows.shape))} of {rows.dtype}, not the 17 numbers per camera of LLFF"
+        )
+        raise _invalid(problem, "Copy it again if it is LLFF's poses_bounds.npy, else export the cameras as text.")
     names = _names(file.path.parent, len(rows))
     cameras = []
     for name, row in zip(names, rows.astype(np.float64), strict=True):
@@ -70,5 +73,5 @@ def _names(folder: Path, count: int) -> list[str]:
     raise StudioError("camera_file.camera_count", problem, value=count, fix=fix, setting="capture.rig")
 
 
-def _invalid(problem: str) -> StudioError:
-    return StudioError("camera_file.syntax", problem, fix="Copy the file again.")
+def _invalid(problem: str, fix: str = "Copy the file again.") -> StudioError:
+    return StudioError("camera_file.syntax", problem, fix=fix)

@@ -18,6 +18,7 @@ from v3studio.studio.camera_files.common import no_cameras
 from v3studio.studio.camera_files.common.camera_file import CameraFile
 from v3studio.studio.camera_files.common.keyed import FileNotes
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
+from v3studio.studio.counts import cameras_listed
 from v3studio.studio.validation import missing_key, number
 
 _SUBPIXELS = 64.0
@@ -35,8 +36,8 @@ _INTRINSICS = {
 
 
 def matches(file: CameraFile) -> bool:
-    """Return whether a file is XML; `CAMERA_FORMATS` tries the XML of other programs before."""
-    return file.xml is not None
+    """Whether a file is a calibration with an element for the cameras."""
+    return file.xml is not None and file.xml.find("cameras") is not None
 
 
 def read(file: CameraFile) -> Rig:
@@ -48,12 +49,14 @@ def read(file: CameraFile) -> Rig:
         raise no_cameras("no active cameras (calibration/cameras/camera)")
     notes = FileNotes()
     cameras = tuple(_camera(entry, index, notes) for index, entry in enumerate(video or entries))
-    return Rig(cameras, notes.sentences)
+    markers = [str(entry.get("serial")) for entry in entries if video and entry not in video]
+    only = f"Left out, since they only track markers: {cameras_listed(markers)}."
+    return Rig(cameras, (*notes.sentences, only) if markers else notes.sentences)
 
 
 def _records_video(entry: ElementTree.Element) -> bool:
     model = entry.get("model", "none").lower()
-    return "video" in model or model == "none"
+    return any(word in model for word in ("video", "hybrid")) or model == "none"
 
 
 def _camera(entry: ElementTree.Element, index: int, notes: FileNotes) -> Camera:

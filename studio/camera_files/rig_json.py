@@ -23,19 +23,17 @@ _CORNER = "Principal points are taken relative to the image corner."
 
 
 def matches(file: CameraFile) -> bool:
-    """Return whether a file has a list of cameras, or is of a format or version that `read` refuses."""
-    content = file.json_object
-    is_other = content.get("format", FORMAT) != FORMAT or content.get("version", VERSION) != VERSION
-    return is_other or isinstance(content.get("cameras"), list)
+    """Whether a file has a list of cameras."""
+    return isinstance(file.json_object.get("cameras"), list)
 
 
 def read(file: CameraFile) -> Rig:
-    """Read the cameras. Raises StudioError: another format (camera_file.wrong_format) or version
+    """Read the cameras. Raises StudioError: a version of V3 Studio's format that is not known
     (camera_file.wrong_version)."""
     content = file.json_object
     entries, notes = listed_cameras(content)
     rig = keyed_rig(file.path.parent, entries, KeyedForm(corner=True))
-    if "format" not in content:
+    if content.get("format") != FORMAT:
         return replace(rig, notes=(*rig.notes, *notes, _CORNER))
     left_out = content.get("left_out", [])
     if not isinstance(left_out, list):
@@ -48,11 +46,7 @@ def read(file: CameraFile) -> Rig:
 
 def listed_cameras(content: JsonObject) -> tuple[list[tuple[str, JsonObject]], tuple[str, ...]]:
     """Name and values of each entry of `cameras`, and notes on the keys beside it. Raises StudioError as `read`."""
-    if content.get("format", FORMAT) != FORMAT:
-        problem = f"the format is {content['format']!r}, expected '{FORMAT}'"
-        fix = "Specify a camera file."
-        raise StudioError("camera_file.wrong_format", problem, value=content["format"], fix=fix, expected=FORMAT)
-    if content.get("version", VERSION) != VERSION:
+    if content.get("format") == FORMAT and content.get("version", VERSION) != VERSION:
         problem = f"the format version is {content['version']}, expected {VERSION}"
         fix = "Update V3 Studio."
         raise StudioError("camera_file.wrong_version", problem, value=content["version"], fix=fix, expected=VERSION)

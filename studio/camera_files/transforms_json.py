@@ -13,9 +13,9 @@ what their paths have in common.
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from v3studio.studio.camera_files.common.keyed import (
 )
 from v3studio.studio.camera_files.common.nearby import size_nearby
 from v3studio.studio.cameras import OPENGL_AXES, Camera, Rig
-from v3studio.studio.capture.patterns import without_extension
+from v3studio.studio.capture.patterns import camera_in, without_extension
 from v3studio.studio.counts import listed
 from v3studio.studio.errors import StudioError, naming
 from v3studio.studio.json_types import JsonObject
@@ -164,25 +164,12 @@ def _fingerprint(camera: Camera) -> bytes:
     return bytes(np.round(np.concatenate(parts), 6) + 0.0)
 
 
-_TRAILING = re.compile(r"[_.\- ]*(frame|f|t)?[_.\- ]*\d+$", re.IGNORECASE)
-_LEADING = re.compile(r"^(frame|f|t)?[_.\- ]*\d+[_.\- ]+", re.IGNORECASE)
-
-
 def _common_names(groups: Sequence[Sequence[str]]) -> list[str]:
     """The name, for each group of paths, that all of them share and no other group has: the file's name, the name of
     one of its folders, or the file's name without a number at its end or beginning."""
 
-    def part(level: int) -> Callable[[str], str]:
-        return lambda path: PurePosixPath(path).parts[-1 - level] if level < len(PurePosixPath(path).parts) else ""
-
-    ways = [
-        part(0),
-        lambda path: _TRAILING.sub("", PurePosixPath(path).name),
-        lambda path: _LEADING.sub("", PurePosixPath(path).name),
-        *(part(level) for level in (1, 2, 3)),
-    ]
-    for way in ways:
-        names = [{way(path) for path in group} for group in groups]
+    for way in range(len(camera_in("-"))):
+        names = [{camera_in(path)[way] for path in group} for group in groups]
         if all(len(own) == 1 and "" not in own for own in names) and len(set().union(*names)) == len(groups):
             return [own.pop() for own in names]
     group = next(group for group in groups if len(group) > 1)

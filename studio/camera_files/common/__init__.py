@@ -25,11 +25,31 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise unreadable(path, error) from None
     except UnicodeDecodeError:
-        fix = "Save it as UTF-8, if it is a camera file."
+        data = path.read_bytes()[:4096]
+        kind = next((kind for magic, kind in _BINARY if data.startswith(magic)), "")
+        if kind or (b"\0" in data and data[:2] not in (b"\xff\xfe", b"\xfe\xff")):
+            problem = f"{kind or 'a binary file of an unknown kind'}, which is not read"
+            fix = "Export the cameras as text, such as transforms.json, intri.yml and extri.yml, or COLMAP's model."
+            raise StudioError("camera_file.unsupported_kind", problem, file=path, value=kind, fix=fix) from None
+        fix = "Save it as UTF-8."
         raise StudioError("camera_file.not_text", "not text in UTF-8", file=path, fix=fix) from None
     if not text.strip():
         raise StudioError("camera_file.empty", "the file is empty", file=path, fix="Export the cameras again.")
     return text
+
+
+_BINARY = (
+    (b"PK", "a zip archive, such as NumPy's .npz"),
+    (b"\x80", "a Python pickle"),
+    (b"MATLAB", "a MATLAB file"),
+    (b"\x89HDF", "an HDF5 or MATLAB file"),
+    (b"\x93NUMPY", "a NumPy array"),
+    (b"Kaydara FBX", "an FBX scene"),
+    (b"PXR-USD", "a USD scene"),
+    (b"glTF", "a glTF scene"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"SQLite", "a database, such as COLMAP's, which has no poses"),
+)
 
 
 def unreadable(path: Path, error: OSError) -> StudioError:

@@ -1,7 +1,8 @@
 """Cameras as named values, as in JSON, TOML and OpenCV's FileStorage: one table of the keys that programs use.
 
 A key that is not in the table may be another program's name for the lens. It is therefore rejected if it looks like
-that, or if the camera has no distortion under a known key; otherwise it is ignored, and the rig's notes name it.
+that, or if it has numbers as a lens has and the camera has no distortion under a known key; otherwise it is ignored,
+and the rig's notes name it.
 """
 
 import re
@@ -60,9 +61,11 @@ HARMLESS = frozenset({
 """Keys that do not change how a camera projects."""
 _CHANGES_THE_CAMERA = re.compile(
     r"dist|fish|lens|model|omni|equi|project|skew|scale|unit|flip|mirror|crop|shift|offset|rolling|pose|radial|tangent"
-    r"|axis|axes|coord|convention|handed|transform"
+    r"|axis|axes|coord|convention|handed|transform|kappa|decenter|ftheta|latlong|spher|pano"
     r"|^(xi|alpha|beta|gamma|cc|fc|[kps]\d+|tau[xy])$"
 )
+_ABOUT_FILES = re.compile(r"^(time|frame)|(id|index|indices|path|count|version)$")
+_ABOUT_LENSES = re.compile(r"dist|fish|lens|model|radial|tangent")
 _NOT_PINHOLE = re.compile(r"fish|omni|equi|spher|cylind|pano|ortho")
 MODELS = frozenset({
     "pinhole", "simplepinhole", "perspective", "standard", "opencv", "fullopencv", "brown", "brownconrady",
@@ -77,6 +80,7 @@ _RENAME = (
     "Give its value under a known key such as 'distortion', 'K', 'R', 't' or 'width', or delete it if it does not say "
     "where points are in the image."
 )
+_SKEW = 1e-6  # pixels
 NO_DISTORTION = "The camera file has no lens distortion: the images are taken as undistorted."
 
 
@@ -103,6 +107,7 @@ class FileNotes:
     """Ignored keys of a camera file with their cameras, and the cameras with (`bent`) and without distortion."""
 
     ignored: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    decided: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))  # the same for what was assumed
     bent: list[str] = field(default_factory=list)
     straight: list[str] = field(default_factory=list)
 
@@ -112,7 +117,8 @@ class FileNotes:
             spelling = normal_key(key)
             if spelling in HARMLESS or _is_empty(value):
                 continue
-            if missing or _CHANGES_THE_CAMERA.search(spelling):
+            may_be_it = bool(missing) and _is_of_numbers(value, scalars=missing != "lens distortion")
+            if may_be_it or _changes_the_camera(spelling):
                 why = f"there is no {missing} under a known key" if missing else "it may change how the camera projects"
                 problem = f"the key '{key}' is not known, and {why}"
                 raise camera_error("camera.unknown_key", camera, problem, value=key, fix=_RENAME, key=key)
@@ -122,9 +128,28 @@ class FileNotes:
     def sentences(self) -> tuple[str, ...]:
         """The sentences for `Rig.notes`."""
         straight = (NO_DISTORTION,) if self.straight else ()
-        return *straight, *(
-            f"Ignored in the camera file: '{key}' ({cameras_listed(own)})." for key, own in self.ignored.items()
+        assumed = (f"{words} ({cameras_listed(own)})." for words, own in self.decided.items())
+        ignored = (f"Ignored in the camera file: '{key}' ({cameras_listed(own)})." for key, own in self.ignored.items())
+        return *straight, *assumed, *ignored
+
+
+def _changes_the_camera(spelling: str) -> bool:
+    """Whether a key says how a camera projects, or how the files do that say so."""
+    if _ABOUT_FILES.search(spelling) and not _ABOUT_LENSES.search(spelling):
+        return False
+    return _CHANGES_THE_CAMERA.search(spelling) is not None
+
+
+def _is_of_numbers(value: Any, scalars: bool) -> bool:
+    """Whether a value has numbers as a lens or a pose has: a list with fractions, or, if `scalars`, a number."""
+    if isinstance(value, Mapping):
+        return any(_is_of_numbers(part, True) for part in value.values())
+    if isinstance(value, list):
+        return any(
+            _is_of_numbers(part, True) if isinstance(part, list) else isinstance(part, float) and part != round(part)
+            for part in value
         )
+    return scalars and isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def ignored_in_file(content: Mapping[str, Any], known: Collection[str]) -> tuple[str, ...]:
@@ -136,7 +161,7 @@ def ignored_in_file(content: Mapping[str, Any], known: Collection[str]) -> tuple
         if key not in known and normal_key(key) not in harmless and not _is_empty(value) and not _is_opencv(value)
     ]
     for key in unknown:
-        if _CHANGES_THE_CAMERA.search(normal_key(key)):
+        if _changes_the_camera(normal_key(key)):
             problem = f"the key '{key}' beside the cameras is not known, and it may change all of them"
             fix = "Delete it if the cameras have OpenCV's axes (x right, y down, z forward), else convert them."
             raise StudioError("camera.unknown_key", problem, value=key, fix=fix, key=key)
@@ -195,7 +220,9 @@ def keyed_camera(folder: Path, name: str, entry: Mapping[str, Any], form: KeyedF
     # read before the size, for which footage may be missing, so that an error names a wrong key
     matrices = [(key, value[:3, :3]) for key, value in _arrays(name, given, "K", ((3, 3), (3, 4), (4, 4)))]
     width, height = _size(name, given) or (form.size_of(name) if form.size_of else size_nearby(folder, name, name))
-    K = _K(name, given, matrices, (width, height), form.centered)
+    K = _K(name, given, matrices, (width, height), form.centered, notes)
+    if abs(K[0, 1]) > _SKEW:
+        notes.decided["The skew of K is removed from the images, as lens distortion is"].append(name)
     if not form.corner:
         K[:2, 2] += 0.5
     (notes.bent if distortion is not None or fisheye else notes.straight).append(name)
@@ -303,18 +330,26 @@ def _arrays(
 
 
 def _K(
-    name: str, given: _Given, matrices: list[tuple[str, np.ndarray]], size: tuple[int, int], centered: bool
+    name: str,
+    given: _Given,
+    matrices: list[tuple[str, np.ndarray]],
+    size: tuple[int, int],
+    centered: bool,
+    notes: FileNotes,
 ) -> np.ndarray:
-    """(3, 3) with the pixel origin of the file. Values under several keys, also of `matrices`, must agree."""
+    """(3, 3) with the pixel origin of the file. Values under several keys, also of `matrices`, must agree, except for
+    fields of view: Blender's are those of its sensor, whose shape is not that of the images."""
     width, height = size
     parts = {key: _scalars(name, given, key) for key in ("fx", "fy", "cx", "cy")}
+    by_angle: dict[str, list[tuple[str, float]]] = {"fx": [], "fy": []}
     for angle, focal, side in (("angle_x", "fx", width), ("angle_y", "fy", height)):
         for key, radians in _scalars(name, given, angle):
             if not 0 < radians < np.pi:
                 problem = f"'{key}' is {radians:g}, expected a value between 0 and pi"
                 fix = "Correct it in the camera file; angles are in radians."
                 raise camera_error("camera.field_of_view", name, problem, value=radians, fix=fix, key=key)
-            parts[focal].append((key, 0.5 * side / float(np.tan(0.5 * radians))))
+            by_angle[focal].append((key, 0.5 * side / float(np.tan(0.5 * radians))))
+    _use_angles(name, parts, by_angle, size, notes)
     if matrices:
         K = agreeing(name, matrices).copy()
         for part, value in zip(parts.values(), (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), strict=True):
@@ -328,6 +363,33 @@ def _K(
         raise missing_key("K" if len(missing) == len(parts) else missing[0], name)
     fx, fy, cx, cy = (_agreeing_scalar(name, part) for part in parts.values())
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+
+
+def _use_angles(
+    name: str,
+    parts: dict[str, list[tuple[str, float]]],
+    by_angle: Mapping[str, list[tuple[str, float]]],
+    size: tuple[int, int],
+    notes: FileNotes,
+) -> None:
+    """Add the focal lengths that fields of view give to `parts`, unless they are of a sensor of another shape."""
+    given = [key for pairs in by_angle.values() for key, _ in pairs]
+    known = {key: values[0][1] for key, values in parts.items() if values}
+    focal = {key: values[0][1] for key, values in by_angle.items() if values}
+    if any(not np.isclose(focal[key], known[key], rtol=1e-3) for key in focal.keys() & known.keys()):
+        words = f"{listed(list(map(repr, given)))} do not agree with the focal lengths, which are used"
+        notes.decided[words].append(name)
+        return
+    width, height = size
+    if len(focal) == 2 and not known and np.isclose(focal["fx"] / width * height, 1 / 1.5 * focal["fy"], rtol=1e-3):
+        if not np.isclose(width, 1.5 * height, rtol=1e-2):
+            notes.decided["The fields of view are those of a sensor of 3:2, along the longer side"].append(name)
+            value = focal["fx"] * max(width, height) / width
+            by_angle = {"fx": [("", value)], "fy": [("", value)]}
+    elif focal and not known and height > width and len(focal) == 1:
+        notes.decided[f"'{given[0]}' is taken for the field of view of the shorter side"].append(name)
+    for key, values in by_angle.items():
+        parts[key] = parts[key] or values
 
 
 def _scalars(name: str, given: _Given, canonical: str) -> list[tuple[str, float]]:

@@ -1,22 +1,49 @@
-"""Image sizes for camera files that do not contain them, from the footage next to the file."""
+"""Image sizes for camera files that do not contain them, from the footage next to the file, or that of the capture."""
 
-from pathlib import Path
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path, PurePosixPath
 
 from v3studio.studio.capture.images import image_header
 from v3studio.studio.capture.media import open_media, video_stream
-from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS
+from v3studio.studio.capture.patterns import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, without_extension
 from v3studio.studio.errors import StudioError
 from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.validation import camera_error
 
 _FOLDERS = ("", "images", "image", "imgs", "img", "videos", "video", "rgbs", "rgb")
+_Sizes = Mapping[str, tuple[int, int]]
+_sizes_of_capture: ContextVar[_Sizes] = ContextVar("_sizes_of_capture")
 _FOOTAGE = sorted(IMAGE_EXTENSIONS) + sorted(VIDEO_EXTENSIONS)
+
+
+@contextmanager
+def sizes_of_capture(sizes: _Sizes) -> Iterator[None]:
+    """Use the width and height of a capture's cameras, by name, while camera files without sizes are read."""
+    token = _sizes_of_capture.set(sizes)
+    try:
+        yield
+    finally:
+        _sizes_of_capture.reset(token)
+
+
+def _size_in_capture(name: str, camera: str) -> tuple[int, int] | None:
+    """The size of the camera that has this name, a part of its path or the only one with its numbers."""
+    sizes = _sizes_of_capture.get({})
+    for part in (camera, *reversed(PurePosixPath(without_extension(name)).parts)):
+        if part in sizes:
+            return sizes[part]
+    numbers = re.findall(r"\d+", camera)
+    same = [own for own in sizes if numbers and [*map(int, re.findall(r"\d+", own))] == [*map(int, numbers)]]
+    return sizes[same[0]] if len(same) == 1 else None
 
 
 def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
     """Width and height in pixels of a camera's footage near the camera file, which is in `folder`. `name` is the name
     of an image, a video (extension optional) or a folder of images, in the folder itself or in images/, videos/ and
-    similar subfolders."""
+    similar subfolders; if there is none, that of the capture's camera."""
     for part in _FOLDERS:
         base = folder / part / name
         files = [base] if base.suffix.lower() in _FOOTAGE else []
@@ -26,8 +53,13 @@ def size_nearby(folder: Path, name: str, camera: str) -> tuple[int, int]:
         for file in files:
             if file.is_file():
                 return _size(file, camera)
+    size = _size_in_capture(name, camera)
+    if size is not None:
+        return size
     problem = f"the file has no image sizes, and there is no footage '{name}' next to it"
-    fix = "Put the footage next to the camera file, or into a folder images/ or videos/ there."
+    fix = (
+        "Put the footage next to the camera file, into a folder images/ or videos/ there, or give it the camera's name."
+    )
     raise camera_error("camera.size_unknown", camera, problem, value=name, fix=fix)
 
 

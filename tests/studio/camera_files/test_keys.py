@@ -224,8 +224,6 @@ def test_unknown_keys_where_no_distortion_is_given_are_refused(tmp_path: Path, c
 @pytest.mark.parametrize(
     ("right", "wrong"),
     [
-        ({"camera_angle_x": 2 * np.arctan(320 / 700)}, {"camera_angle_x": 0.7}),
-        ({"camera_angle_y": 2 * np.arctan(180 / 710)}, {"camera_angle_y": 0.7}),
         ({"K": K}, {"K": [[1400.0, 0, 640], [0, 1420, 360], [0, 0, 1]]}),
         ({"intrinsic_matrix": K}, {"intrinsic_matrix": [[700.0, 0, 340], [0, 710, 180], [0, 0, 1]]}),
         ({"width": 640}, {"width": 1280}),
@@ -239,6 +237,28 @@ def test_transforms_that_say_two_things(tmp_path: Path, right: JsonObject, wrong
     with refuses("camera.conflict", file=path, camera="cam0") as caught:
         read_rig(path)
     assert key in (caught.value.fields["key"], caught.value.fields["other"])
+
+
+@pytest.mark.parametrize("change", [{"version": "1.0"}, {"is_bad": False}, {"blur_score": 12.3}, {"steps": [0, 1]}])
+def test_keys_that_cannot_be_a_lens_are_ignored(tmp_path: Path, change: JsonObject) -> None:
+    path = transforms(tmp_path, lambda values: {key: values[key] for key in values if key[0] not in "kp"} | change)
+    rig = read_rig(path)
+    assert_projects(rig, [0.0] * 5, corner=True)
+    assert any(repr(next(iter(change))) in note for note in rig.notes)
+
+
+@pytest.mark.parametrize(("width", "height"), [(960, 540), (800, 800), (540, 960)])
+@pytest.mark.parametrize("with_focal_lengths", [True, False])
+def test_angles_of_a_sensor_of_another_shape(tmp_path: Path, width: int, height: int, with_focal_lengths: bool) -> None:
+    """Blender: 50 mm on a sensor of 36 x 24 mm, whose longer side is that of the image."""
+    focal = 50 / 36 * max(width, height)
+    angles = {"camera_angle_x": 2 * np.arctan(18 / 50), "camera_angle_y": 2 * np.arctan(12 / 50)}
+    given = {"w": width, "h": height, **angles, **({"fl_x": focal, "fl_y": focal} if with_focal_lengths else {})}
+    frames = [{"file_path": f"cam{index}.png", "transform_matrix": np.eye(4).tolist()} for index in range(2)]
+    (tmp_path / "transforms.json").write_text(json.dumps({**given, "frames": frames}))
+    rig = read_rig(tmp_path / "transforms.json")
+    assert [(camera.fx, camera.fy) for camera in rig] == [pytest.approx((focal, focal))] * 2
+    assert any("'camera_angle_x'" in note or "3:2" in note for note in rig.notes)
 
 
 def test_entries_of_transforms_replace_what_is_beside_them(tmp_path: Path) -> None:

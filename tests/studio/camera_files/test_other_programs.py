@@ -346,7 +346,12 @@ def qualisys_file(folder: Path) -> Path:
 
 
 def test_qualisys(tmp_path: Path) -> None:
-    assert_same_images(read_rig(qualisys_file(tmp_path)), BENT)
+    path = qualisys_file(tmp_path)
+    assert_same_images(read_rig(path), BENT)
+    path.write_text(path.read_text().replace("Miqus Video", "Miqus Hybrid", 2))  # which track markers, too
+    rig = read_rig(path)
+    assert_same_images(rig, BENT)
+    assert any("marker only" in note for note in rig.notes)
 
 
 def test_distortion_of_nerfstudio_in_a_list(tmp_path: Path) -> None:
@@ -585,6 +590,48 @@ def test_unknown_things_are_refused(tmp_path: Path) -> None:
         read_rig(path)
     with refuses("camera_file.unknown_extension", file=tmp_path / "rig.xyz", value=".xyz"):
         write_rig(BENT, tmp_path / "rig.xyz")
+
+
+@pytest.mark.parametrize(
+    "data", [b"PK\3\4" + bytes(range(256)), b"\x80\4" + bytes(range(256)), b"Kaydara FBX Binary \0" + bytes(range(256))]
+)
+def test_binary_files_of_other_programs_are_named(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "cameras.dat").write_bytes(data)
+    with refuses("camera_file.unsupported_kind", file=tmp_path / "cameras.dat"):
+        read_rig(tmp_path / "cameras.dat")
+
+
+def test_json_of_other_programs_with_a_version_of_its_own(tmp_path: Path) -> None:
+    """A list, and an object by name, beside keys that say nothing about cameras."""
+    entries = {
+        camera.name: {
+            "K": camera.K.tolist(), "R": camera.rotation.tolist(), "t": camera.translation.tolist(),
+            "dist": camera.distortion.tolist(), "width": camera.width, "height": camera.height,
+        }
+        for camera in BENT
+    }  # fmt: skip
+    listed = [{"name": name, **values} for name, values in entries.items()]
+    for cameras in (listed, entries):
+        (tmp_path / "a.json").write_text(json.dumps({"version": "2.1", "format": "opencv", "cameras": cameras}))
+        assert read_rig(tmp_path / "a.json").names == BENT.names
+
+
+@pytest.mark.parametrize("name", ["calibration.toml", "monday_camera_calibration.toml", "result of a program.toml"])
+def test_files_of_any_name_with_cameras_are_found(tmp_path: Path, name: str) -> None:
+    write_rig(BENT, tmp_path / name)
+    (tmp_path / "notes.json").write_text('{"version": 3, "cameras": ["left", "right"]}')
+    assert find_camera_files(tmp_path) == [tmp_path / name]
+
+
+def test_sizes_of_the_capture(tmp_path: Path) -> None:
+    """Where the camera file is not next to the footage, whose cameras have the same numbers."""
+    write_rig(BENT, tmp_path / "intri.yml")
+    text = (tmp_path / "intri.yml").read_text()
+    (tmp_path / "intri.yml").write_text("\n".join(line for line in text.splitlines() if line[:2] not in ("H_", "W_")))
+    with refuses("camera.size_unknown"):
+        read_rig(tmp_path)
+    sizes = {f"view{int(camera.name[3:])}": (camera.width, camera.height) for camera in BENT}
+    assert_same_images(read_rig(tmp_path, sizes), BENT)
 
 
 def test_transforms_cannot_express_the_rational_model(tmp_path: Path) -> None:
