@@ -215,6 +215,7 @@ class Camera:
             normalized = np.column_stack([local[:, :2] / safe[:, None], np.ones(len(local))])
             pixels, _ = cv2.projectPoints(normalized, np.zeros(3), np.zeros(3), self.K, self.distortion)
             pixels = pixels.reshape(-1, 2)
+            pixels[:, 0] += self._skew(pixels[:, 1])
         return pixels, depth
 
     def normalized(self, pixels: np.ndarray) -> np.ndarray:
@@ -231,9 +232,16 @@ class Camera:
         known = np.isfinite(pixels).all(axis=1)
         if known.any():
             until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-            points = cv2.undistortPoints(pixels[known][:, None], self.K, self.distortion, criteria=until)
+            bent = pixels[known]
+            bent[:, 0] -= self._skew(bent[:, 1])
+            points = cv2.undistortPoints(bent[:, None], self.K, self.distortion, criteria=until)
             rays[known] = points.reshape(-1, 2)
         return rays
+
+    def _skew(self, rows: np.ndarray) -> np.ndarray:
+        """By how many pixels points at these rows are shifted by the skew, which OpenCV ignores with distortion."""
+        skewed: np.ndarray = self.K[0, 1] / self.fy * (rows - self.cy)
+        return skewed
 
     def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
         """The (N, 3) world points that `project` maps to (N, 2) pixels and depths, one or (N,); NaN if those are."""

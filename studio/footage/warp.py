@@ -51,14 +51,21 @@ def fit_size(camera: Camera, width: int, height: int, rule: str, read: Callable[
     if all(near):
         bars = f"{round(fit.left)} px left and right" if fit.left >= 0.5 else f"{round(fit.top)} px top and bottom"
         return replace(fit, note=f"camera '{camera.name}' has black bars ({bars}); calibration mapped to the rest")
+    turned = abs(width / camera.height * camera.width - height) <= 1.0
     raise camera_error(
         "footage.aspect_ratio",
         camera.name,
-        f"the aspect ratio of the footage, {width}x{height}, differs from the calibration's, "
+        f"the footage, {width}x{height}, is turned by 90 degrees against the calibration, "
+        f"{camera.width}x{camera.height}"
+        if turned
+        else f"the aspect ratio of the footage, {width}x{height}, differs from the calibration's, "
         f"{camera.width}x{camera.height}",
         value=(width, height),
-        fix="Calibrate at the footage's size, or set capture.size_rule to stretch, crop or letterbox, depending on how "
-        "the footage was resized.",
+        fix="Turn the footage (for example: ffmpeg -i IN -vf transpose=1 OUT, or transpose=2 for the other direction), "
+        "or calibrate with the footage as it is."
+        if turned
+        else "Calibrate at the footage's size, or set capture.size_rule to stretch, crop or letterbox, depending on "
+        "how the footage was resized.",
         expected=(camera.width, camera.height),
         setting="capture.size_rule",
     )
@@ -82,24 +89,35 @@ class Warp:
         K[0, 2] += fit.left
         K[1, 2] += fit.top
         self.source = replace(camera, width=width, height=height, K=K)
-        self.camera = self.source.undistorted().scaled(scale)
+        view = self.source.undistorted()
+        K = view.K.copy()
+        K[0, 1] = 0.0  # the rasterizer has no skew
+        self._straight = replace(view, K=K)
+        self.camera = self._straight.scaled(scale)
 
     @property
     def is_identity(self) -> bool:
-        """Tell whether images remain unchanged: no distortion and full size."""
+        """Whether images remain unchanged: no distortion, no skew and full size."""
         size = self.camera.width, self.camera.height
-        return self.source.is_pinhole and size == (self.source.width, self.source.height)
+        return self.is_straight and size == (self.source.width, self.source.height)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether raw images are those of a pinhole camera without skew."""
+        return self.source.is_pinhole and not self.source.K[0, 1]
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
         """Fixed-point maps for `cv2.remap` from undistorted to raw pixels, 6 bytes per pixel."""
         import cv2
 
-        source = self.source
-        if source.fisheye:
-            return _fisheye_maps(source)
-        first, second = cv2.initUndistortRectifyMap(
-            source.cv2_K, source.distortion, None, source.cv2_K, (source.width, source.height), cv2.CV_16SC2
-        )
+        if self.source.fisheye:
+            return _fisheye_maps(self.source)
+        K, skew = self._straight.cv2_K, self.source.K[0, 1]
+        size, kind = (self.source.width, self.source.height), cv2.CV_32FC1 if skew else cv2.CV_16SC2
+        first, second = cv2.initUndistortRectifyMap(K, self.source.distortion, None, K, size, kind)
+        if skew:  # which OpenCV does not know
+            first += np.float32(skew / K[1, 1]) * (second - np.float32(K[1, 2]))
+            first, second = cv2.convertMaps(first, second, cv2.CV_16SC2)
         return first, second
 
     def beyond(self, mask: np.ndarray) -> float:
@@ -117,8 +135,8 @@ class Warp:
         """Undistort and scale (H, W, 3) or (H, W) uint8 at the footage's size to the size of `camera`; pixels outside
         are 0.
 
-        `maps` are from `maps`, None for pinhole cameras; `smooth`: bicubic (for images) rather than bilinear (for
-        masks, which must not overshoot).
+        `maps` are from `maps`, None if the camera `is_straight`; `smooth`: bicubic (for images) rather than bilinear
+        (for masks, which must not overshoot).
         """
         import cv2
 
