@@ -18,7 +18,6 @@ from v3studio.studio.progress import ProgressFn
 
 if TYPE_CHECKING:
     from v3studio.pipelines.takes.take import Take
-    from v3studio.studio.footage import Footage
 
 
 def register(commands: Any) -> None:
@@ -47,30 +46,31 @@ def _check(arguments: argparse.Namespace) -> int:
     try:
         take = Take.open(place)
     except StudioError as error:
-        footage = _footage(place) if error.code == "take.not_a_take" and not error.fields["lost"] else None
-        if footage is None:
+        if error.code != "take.not_a_take" or error.fields["lost"] or not any(place.iterdir()):
             raise
-        return _check_footage(arguments, footage)
+        return _check_footage(arguments, place)
     return _check_take(arguments, take, place)
 
 
-def _footage(folder: Path) -> Footage | None:
+def _check_footage(arguments: argparse.Namespace, folder: Path) -> int:
+    """Check what a run would read: the footage, and with the camera file, if there is one."""
     from v3studio.pipelines.commands.common.source import read_settings
-    from v3studio.studio.footage import open_footage
-
-    try:
-        return open_footage(read_settings(folder).capture, None, strict=False)
-    except StudioError:
-        return None
-
-
-def _check_footage(arguments: argparse.Namespace, footage: Footage) -> int:
     from v3studio.pipelines.inspection import found_lines
-    from v3studio.studio.footage import check_footage
+    from v3studio.pipelines.stages.camera_file import camera_file, rig_of_capture
+    from v3studio.studio.footage import check_footage, open_footage
 
-    with working("check", arguments) as report, closing(footage):
+    capture = read_settings(folder).capture
+    with working("check", arguments) as report, closing(open_footage(capture, None, strict=False)) as footage:
         problems = [str(problem) for problem in check_footage(footage, report)]
         lines = list(found_lines(footage))
+        try:
+            path = camera_file(footage.spec)
+            if path is not None:
+                rig = rig_of_capture(path, footage)
+                open_footage(capture, rig, strict=False).close()
+        except StudioError as error:
+            problems.append(str(error))
+            lines = [line for line in lines if line != str(error)]
     arguments.result = {"footage": lines, "problems": problems}
     if not arguments.json:
         images = counted(len(footage.frames) * len(footage.camera_names), "image")

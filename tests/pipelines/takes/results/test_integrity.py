@@ -95,6 +95,12 @@ def test_footage_is_read_and_described(here: Callable, project: Path) -> None:
     broken.write_bytes(broken.read_bytes()[:100])
     (problem,) = here("check", footage, "--json").fails().result["problems"]
     assert str(broken) in problem
+    (footage / "cameras.json").write_text("{")
+    assert len(here("check", footage, "--json").fails().result["problems"]) == 2  # as a run says
+    for camera in (footage / "images").iterdir():
+        for path in camera.iterdir():
+            path.rename(path.with_suffix(".heic"))
+    assert ".heic" in here("check", footage).fails().stderr
     (project / "empty").mkdir()
     here("check", project / "empty").fails()  # neither a take nor footage
 
