@@ -75,7 +75,7 @@ class VideoReader:
             whole = len(listed) > 1 and stream.frames > 0 and len(entries) == stream.frames
             self._coded_count = len(listed) if whole else self._scan()
             self.frame_count = self._coded_count
-            times = [entry.timestamp for entry in listed]
+            times = [entry.timestamp for entry in listed] if whole else []
             self._without_empty([entry.size for entry in listed] if whole else self._sizes, times)
             if self._shown is None:
                 self._at_constant_rate(sorted(times) if whole else None)
@@ -189,7 +189,9 @@ class VideoReader:
         dropped frames: decoders return nothing for them, so the video would seem to be truncated."""
         import av
 
-        if min(sizes) > _EMPTY_PACKET or sorted(sizes)[len(sizes) // 2] <= 8 * _EMPTY_PACKET:
+        if not times and self._container.format.name != "avi":  # others have no such packets
+            return
+        if not sizes or min(sizes) > _EMPTY_PACKET or sorted(sizes)[len(sizes) // 2] <= 8 * _EMPTY_PACKET:
             return
         try:
             with open_media(self.path) as container:
@@ -227,13 +229,12 @@ class VideoReader:
         """Fill gaps in the presentation times. `times`: the times that the container lists; None: `_scan` has found
         them."""
         if times is not None:
-            if _clock(times) is None:
-                self._measure_rate(times)
+            if _clock(times) is None and self._measured(times) is None:
                 return
             self._scan(listed=True)
         clock = _clock(self._timestamps or ())
         if clock is None:
-            self._measure_rate(self._timestamps or ())
+            self.fps = self._measured(self._timestamps or ()) or self.fps
             return
         interval, shown = clock
         rate = 1 / (interval * float(self._stream.time_base))
@@ -249,13 +250,13 @@ class VideoReader:
             "before them"
         ) + (f", and {self._coded_count - used} are left out" if used < self._coded_count else "")
 
-    def _measure_rate(self, times: Sequence[int]) -> None:
-        """Set the rate to that of the sorted times if the file says another one."""
+    def _measured(self, times: Sequence[int]) -> float | None:
+        """The rate of sorted times; None if it is the one that the file says, or cannot be known."""
         if len(times) < 3 or times[-1] <= times[0]:
-            return
+            return None
         rate = (len(times) - 1) / ((times[-1] - times[0]) * float(self._stream.time_base))
-        if self.fps is None or abs(self.fps / rate - 1) * len(times) > _STEADY:
-            self.fps = rate
+        differs = self.fps is None or abs(self.fps / rate - 1) * len(times) > _STEADY
+        return rate if differs else None
 
     def _scan(self, listed: bool = False) -> int:
         """Read the presentation times of all packets, or those `listed`, without decoding; returns the frame count."""
