@@ -192,11 +192,13 @@ def _numbered(matches: list[Match]) -> list[Match]:
     """The matches, numbered by their times if they have them: from 0 seconds on, at the rate of most of them."""
     if not matches or any(match.seconds is None for match in matches):
         return matches
-    times = {match.camera: sorted(m.seconds or 0 for m in matches if m.camera == match.camera) for match in matches}
-    interval = interval_of([time for own in times.values() for time in own]) or 1.0
-    first = min(own[0] for own in times.values())
+    times: dict[str, list[float]] = {}
+    for match in matches:
+        times.setdefault(match.camera, []).append(match.seconds or 0.0)
+    interval = min(filter(None, map(interval_of, times.values())), default=1.0)
+    first = min(min(own) for own in times.values())
     before = int(first % 86400 / interval + 1e-3)  # within the day, as times may be those since 1970
-    return [replace(m, frame=before + round(((m.seconds or 0) - first) / interval)) for m in matches]
+    return [replace(match, frame=before + round(((match.seconds or 0.0) - first) / interval)) for match in matches]
 
 
 def interval_of(times: Sequence[float]) -> float | None:

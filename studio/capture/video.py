@@ -415,9 +415,9 @@ def _display(frame: Any) -> tuple[int, bool]:
     if not sides:
         return 0, False
     a, b, _, c, d = np.frombuffer(bytes(sides[0]), np.int32)[:5].astype(float)
-    mirrored = a * d < b * c
+    mirrored = bool(a * d < b * c)
     a, b = (-a, -b) if mirrored else (a, b)
-    return round(-np.degrees(np.arctan2(b, a)) / 90) % 4, mirrored
+    return round(float(-np.degrees(np.arctan2(b, a)) / 90)) % 4, mirrored
 
 
 def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:

@@ -155,7 +155,8 @@ def _one_pose_per_camera(rig: Rig, names: Sequence[str]) -> Rig:
     """The rig with a pose for each of the footage's cameras if it has several, each named after an image, as in a
     reconstruction from several moments: that nearest to the median. StudioError (camera.moved) if they differ."""
     direct, _ = _matched(rig, names)
-    best, most = {}, len(direct)
+    best: dict[str, list[Camera]] = {}
+    most = len(direct)
     for way in range(1, len(camera_in("-"))):
         groups: dict[str, list[Camera]] = {}
         for camera in rig:

@@ -146,8 +146,13 @@ class _Objects(FrameSource):
     """The masks of a camera's objects, whose values are joined by `_read`."""
 
     def __init__(self, parts: Sequence[FrameSource]) -> None:
-        self.parts = tuple(parts)
+        self.parts, first = tuple(parts), parts[0]
+        self.camera, self.width, self.height = first.camera, first.width, first.height
+        self.has_alpha, self.fps, self.note = first.has_alpha, first.fps, first.note
         self.frames = tuple(sorted({frame for part in parts for frame in part.frames}))
+
+    def read(self, frame: int) -> np.ndarray:
+        return _read(self, frame)
 
     def files(self, frames: Iterable[int] | None = None) -> list[Path]:
         wanted = self.frames if frames is None else tuple(frames)
