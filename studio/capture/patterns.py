@@ -7,6 +7,7 @@ for what distinguishes the masks of several objects, and `{seconds}` for a time 
 import itertools
 import os
 import re
+import statistics
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -195,16 +196,18 @@ def _numbered(matches: list[Match]) -> list[Match]:
     times: dict[str, list[float]] = {}
     for match in matches:
         times.setdefault(match.camera, []).append(match.seconds or 0.0)
-    interval = min(filter(None, map(interval_of, times.values())), default=1.0)
+    intervals = [interval for interval in map(interval_of, times.values()) if interval is not None]
+    interval = statistics.median(intervals or [1.0])
     first = min(min(own) for own in times.values())
     before = int(first % 86400 / interval + 1e-3)  # within the day, as times may be those since 1970
     return [replace(match, frame=before + round(((match.seconds or 0.0) - first) / interval)) for match in matches]
 
 
 def interval_of(times: Sequence[float]) -> float | None:
-    """The usual interval of times in any order, rounded to 10 microseconds; None if they are all the same."""
-    gaps = sorted(later - earlier for earlier, later in itertools.pairwise(sorted(times)) if later - earlier > 1e-3)
-    return round(gaps[len(gaps) // 2], 5) if gaps else None
+    """The mean of the usual intervals of times in any order, in their unit; None if there are fewer than two times."""
+    gaps = [later - earlier for earlier, later in itertools.pairwise(sorted(times))]
+    usual = statistics.median(gaps) if gaps else 0.0
+    return statistics.fmean(gap for gap in gaps if abs(gap - usual) <= 0.1 * usual) if usual > 0 else None
 
 
 def refuse_other_kinds(root: Path, paths: Iterable[str]) -> None:
