@@ -117,7 +117,7 @@ class FileNotes:
             spelling = normal_key(key)
             if spelling in HARMLESS or _is_empty(value):
                 continue
-            may_be_it = bool(missing) and _is_of_numbers(value, scalars=missing != "lens distortion")
+            may_be_it = bool(missing) and _is_of_numbers(value, fractions=missing == "lens distortion")
             if may_be_it or _changes_the_camera(spelling):
                 why = f"there is no {missing} under a known key" if missing else "it may change how the camera projects"
                 problem = f"the key '{key}' is not known, and {why}"
@@ -140,16 +140,24 @@ def _changes_the_camera(spelling: str) -> bool:
     return _CHANGES_THE_CAMERA.search(spelling) is not None
 
 
-def _is_of_numbers(value: Any, scalars: bool) -> bool:
-    """Whether a value has numbers as a lens or a pose has: a list with fractions, or, if `scalars`, a number."""
+def _is_of_numbers(value: Any, fractions: bool) -> bool:
+    """Whether a value has numbers; if `fractions`, only such in lists count, as a lens has them."""
     if isinstance(value, Mapping):
-        return any(_is_of_numbers(part, True) for part in value.values())
+        return any(
+            _changes_the_camera(normal_key(str(key))) or _is_of_numbers(part, fractions) for key, part in value.items()
+        )
     if isinstance(value, list):
         return any(
-            _is_of_numbers(part, True) if isinstance(part, list) else isinstance(part, float) and part != round(part)
+            _is_of_numbers(part, fractions)
+            if isinstance(part, list | Mapping)
+            else _is_number(part) and (not fractions or part != round(part))
             for part in value
         )
-    return scalars and isinstance(value, int | float) and not isinstance(value, bool)
+    return not fractions and _is_number(value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
 
 
 def ignored_in_file(content: Mapping[str, Any], known: Collection[str]) -> tuple[str, ...]:
