@@ -153,7 +153,7 @@ _MOST_TURNED = np.radians(2)
 
 def _one_pose_per_camera(rig: Rig, names: Sequence[str]) -> Rig:
     """The rig with a pose for each of the footage's cameras if it has several, each named after an image, as in a
-    reconstruction from several moments: that nearest to the median. StudioError (camera.moved) if they differ."""
+    reconstruction from several moments: that nearest to the median. StudioError (camera.moves) if they differ."""
     direct, _ = _matched(rig, names)
     best: dict[str, list[Camera]] = {}
     most = len(direct)
@@ -181,7 +181,7 @@ def _one_pose_per_camera(rig: Rig, names: Sequence[str]) -> Rig:
             problem = f"its {len(group)} poses in the camera file differ by up to {max(distances):.3g} units"
             problem += f" and {np.degrees(turned):.2g} degrees, but cameras must not move"
             fix = "Calibrate from a single moment, or delete the wrong poses."
-            raise camera_error("camera.moved", name, problem, value=max(distances), fix=fix)
+            raise camera_error("camera.moves", name, problem, value=max(distances), fix=fix)
         apart = max(apart, *distances)
         cameras.append(replace(nearest, name=name))
     note = (

@@ -32,7 +32,7 @@ def test_several_poses_of_a_fixed_camera(form: str) -> None:
     assert rig.names == NAMES
     np.testing.assert_allclose(rig.centers, STRAIGHT.centers, atol=0.01)
     assert any(f"{2 * len(NAMES)} poses" in note for note in rig.notes)
-    with refuses("camera.moved", camera=NAMES[0]):
+    with refuses("camera.moves", camera=NAMES[0]):
         rig_of_footage(moments(1.0, form), CaptureSettings(), NAMES)
 
 
