@@ -180,7 +180,7 @@ def find_camera_files(folder: Path) -> list[Path]:
 
 
 def _has_cameras(path: Path) -> bool:
-    """Whether a file has several cameras, also if one of them is invalid."""
+    """Return whether a file has several cameras, also if one of them is invalid."""
     if path.suffix.lower() not in _TEXTS or not path.is_file() or path.stat().st_size > _MOST_BYTES:
         return False
     try:

@@ -14,7 +14,7 @@ from v3studio.studio.validation import missing_key
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has this form."""
+    """Return whether a file has this form."""
     content = file.json_object
     return isinstance(content.get("cameras"), dict) and bool({"camera_poses", "extrinsics"} & content.keys())
 

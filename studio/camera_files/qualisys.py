@@ -36,7 +36,7 @@ _INTRINSICS = {
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file is a calibration with an element for the cameras."""
+    """Return whether a file is a calibration with an element for the cameras."""
     return file.xml is not None and file.xml.find("cameras") is not None
 
 

@@ -23,7 +23,7 @@ _CORNER = "Principal points are taken relative to the image corner."
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has a list of cameras."""
+    """Return whether a file has a list of cameras."""
     return isinstance(file.json_object.get("cameras"), list)
 
 

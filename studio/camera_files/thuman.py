@@ -11,7 +11,7 @@ from v3studio.studio.json_types import JsonObject
 
 
 def matches(file: CameraFile) -> bool:
-    """Whether a file has cameras by their names."""
+    """Return whether a file has cameras by their names."""
     return any(map(is_camera, _by_name(file).values()))
 
 

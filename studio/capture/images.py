@@ -150,9 +150,9 @@ def _color_of(image: np.ndarray) -> np.ndarray:
 
 
 def _has_deep_values(image: ImageFile) -> bool:
-    """Whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding, or is a TIFF
-    file whose values Pillow returns as they are, whatever they mean. Pillow has no color mode with 16 bits; its name
-    for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay with Pillow: premultiplied
+    """Return whether the image has 16 bits per channel and Pillow would drop the lower ones instead of rounding, or is
+    a TIFF file whose values Pillow returns as they are, whatever they mean. Pillow has no color mode with 16 bits; its
+    name for how the file stores pixels tells. Rare kinds that OpenCV reads otherwise stay with Pillow: premultiplied
     alpha, and one color as transparent."""
     if not image.tile or image.format not in ("PNG", "TIFF") or "transparency" in image.info:
         return False

@@ -120,7 +120,7 @@ class Footage:
         return source.width, source.height
 
     def has_lens_distortion(self, camera: str) -> bool:
-        """Whether the stored frames have lens distortion, which `image` removes. False without calibration."""
+        """Return whether the stored frames have lens distortion, which `image` removes. False without calibration."""
         return not self._warp(camera).is_straight
 
     def frames_of(self, camera: str) -> tuple[int, ...]:

@@ -97,13 +97,13 @@ class Warp:
 
     @property
     def is_identity(self) -> bool:
-        """Whether images remain unchanged: no distortion, no skew and full size."""
+        """Return whether images remain unchanged: no distortion, no skew and full size."""
         size = self.camera.width, self.camera.height
         return self.is_straight and size == (self.source.width, self.source.height)
 
     @property
     def is_straight(self) -> bool:
-        """Whether raw images are those of a pinhole camera without skew."""
+        """Return whether raw images are those of a pinhole camera without skew."""
         return self.source.is_pinhole and not self.source.K[0, 1]
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:

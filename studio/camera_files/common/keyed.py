@@ -134,14 +134,14 @@ class FileNotes:
 
 
 def _changes_the_camera(spelling: str) -> bool:
-    """Whether a key says how a camera projects, or how the files do that say so."""
+    """Return whether a key says how a camera projects, or how the files do that say so."""
     if _ABOUT_FILES.search(spelling) and not _ABOUT_LENSES.search(spelling):
         return False
     return _CHANGES_THE_CAMERA.search(spelling) is not None
 
 
 def _is_of_numbers(value: Any, fractions: bool) -> bool:
-    """Whether a value has numbers; if `fractions`, only such in lists count, as a lens has them."""
+    """Return whether a value has numbers; if `fractions`, only such in lists count, as a lens has them."""
     if isinstance(value, Mapping):
         return any(
             _changes_the_camera(normal_key(str(key))) or _is_of_numbers(part, fractions) for key, part in value.items()
