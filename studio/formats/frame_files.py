@@ -109,7 +109,8 @@ def frame_numbers(folder: Path, names: list[str]) -> list[int]:
     """
     stems = [_stem(name).lower() for name in names]
     times = [re.findall(r"(\d+)\.(\d+)", stem) for stem in stems]
-    if all(len(own) == 1 for own in times) and len({len(own[0][1]) for own in times}) == 1:  # seconds
+    one_time = all(len(own) == 1 for own in times) and len({len(own[0][1]) for own in times}) == 1
+    if one_time and len({own[0][0] for own in times}) > 1:  # seconds; a version is the same in all names
         stems = [re.sub(r"(\d+)\.(\d+)", r"\1\2", stem) for stem in stems]
     parsed = [re.findall(r"([a-z]*)[^a-z\d]*(\d+)", stem) for stem in stems]
     if len({tuple(word for word, _ in numbers) for numbers in parsed}) > 1:  # named differently: their last numbers
