@@ -1,3 +1,9 @@
+from .contradictions import LEAST_SHARE as LEAST_SHARE
+from .contradictions import CheckedView as CheckedView
+from .contradictions import MaskContradiction as MaskContradiction
+from .contradictions import behind as behind
+from .contradictions import contradicting_masks as contradicting_masks
+from .contradictions import lit as lit
 from .evaluate import evaluate as evaluate
 from .metrics import EVALUATED as EVALUATED
 from .metrics import FLICKER as FLICKER
@@ -8,6 +14,7 @@ from .metrics import measure as measure
 from .protocols import PROTOCOLS as PROTOCOLS
 from .protocols import EvaluationProtocol as EvaluationProtocol
 from .protocols import find_camera as find_camera
+from .view_pair import Behind as Behind
 from .view_pair import Residual as Residual
 from .view_pair import ViewPair as ViewPair
 from .view_pair import flicker as flicker

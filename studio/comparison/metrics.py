@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Metric:
         measure: its value for a pair of images; None if it is not measured. None for flicker, which compares frames.
         evaluated: the evaluation of a take measures it, of trained and of decoded frames; False: only `compare` does.
         plotted: the window's timeline shows it, of trained and of decoded frames.
+        narrow: tables in the terminal have a column for it.
         words: the values from which an image is good, and from which its loss is visible rather than bad; None: the
             metric has no words.
     """
@@ -37,6 +38,7 @@ class Metric:
     measure: Callable[[ViewPair, Distance | None], float | None] | None
     evaluated: bool = True
     plotted: bool = False
+    narrow: bool = True
     words: tuple[float, float] | None = None
 
     def text(self, value: float | None, unit: bool = True) -> str:
@@ -46,13 +48,29 @@ class Metric:
         return f"{value:.{self.digits}f}{f' {self.unit}' if unit and self.unit else ''}"
 
 
-def _psnr(image: np.ndarray | None, pair: ViewPair, where: np.ndarray | None = None) -> float | None:
+def _psnr(image: np.ndarray | None, footage: np.ndarray, where: np.ndarray | None = None) -> float | None:
     from v3studio.studio.metrics import psnr
 
     if image is None or (where is not None and not where.any()):
         return None
     mask = None if where is None else _tensor(where)
-    return min(float(psnr(_tensor(image), _tensor(pair.footage), mask)), HIGHEST_PSNR)
+    return min(float(psnr(_tensor(image), _tensor(footage), mask)), HIGHEST_PSNR)
+
+
+def _in_mask(pair: ViewPair, where: np.ndarray | None = None) -> float | None:
+    return _psnr(pair.rendered, pair.footage, where)
+
+
+def _uncut(part: Literal["picture", "box", "performer"]) -> Callable[[ViewPair, Distance | None], float | None]:
+    def measured(pair: ViewPair, lpips: Distance | None) -> float | None:
+        uncut = pair.uncut
+        if uncut is None:
+            return None
+        if part == "box":
+            return _psnr(uncut.rendered[uncut.box], uncut.footage[uncut.box])
+        return _psnr(uncut.rendered, uncut.footage, uncut.performer if part == "performer" else None)
+
+    return measured
 
 
 def _ssim(pair: ViewPair, lpips: Distance | None) -> float:
@@ -77,17 +95,22 @@ def _tensor(image: np.ndarray) -> Any:
 
 
 METRICS = (
-    Metric("psnr", "PSNR", "dB", 2, lambda one, _: _psnr(one.rendered, one), plotted=True, words=(31.0, 25.0)),
-    Metric("psnr_interior", "PSNR interior", "dB", 2, lambda one, _: _psnr(one.rendered, one, one.depth > OUTLINE)),
-    Metric("psnr_outline", "PSNR outline", "dB", 2, lambda one, _: _psnr(one.rendered, one, abs(one.depth) <= OUTLINE)),
-    Metric("psnr_color_fit", "color fit", "dB", 2, lambda one, _: _psnr(one.fitted, one), evaluated=False),
+    Metric("psnr", "masked PSNR", "dB", 2, lambda one, _: _in_mask(one), plotted=True, words=(31.0, 25.0)),
+    Metric("psnr_interior", "masked PSNR interior", "dB", 2, lambda one, _: _in_mask(one, one.depth > OUTLINE)),
+    Metric("psnr_outline", "masked PSNR outline", "dB", 2, lambda one, _: _in_mask(one, abs(one.depth) <= OUTLINE)),
+    Metric("psnr_performer", "uncut PSNR performer", "dB", 2, _uncut("performer")),
+    Metric("psnr_moving", "uncut PSNR box", "dB", 2, _uncut("box"), narrow=False),
+    Metric("psnr_picture", "uncut PSNR picture", "dB", 2, _uncut("picture"), narrow=False),
+    Metric("psnr_color_fit", "color fit", "dB", 2, lambda one, _: _psnr(one.fitted, one.footage), evaluated=False),
     Metric("ssim", "SSIM", "", 4, _ssim),
     Metric("lpips", "LPIPS", "", 4, _lpips),
 )
-"""Metrics of a view, in the order in which they are shown. PSNR as filmed, in the box; of the performer more than 3
-pixels from the mask's outline, where a ragged mask does not count; up to 3 pixels from it, on both sides; after the
-best 3x4 color matrix of the view, since the colors of a camera that was not trained on are not known; SSIM; LPIPS, if
-it is asked for.
+"""Metrics of a view, in the order in which they are shown. First those of footage that the mask has cut out, in its
+box, which miss what the mask misses: PSNR; of the performer more than 3 pixels from the mask's outline, where a ragged
+mask does not count; up to 3 pixels from it, on both sides. Then PSNR of splats over the set against the uncut footage,
+if what is behind the performer is known: where they are, by mask or by difference from the set; in the box around that;
+of the whole picture. After the best 3x4 color matrix of the view, since the colors of a camera that was not trained on
+are not known; SSIM; LPIPS, if it is asked for.
 
 The words for PSNR follow the scale of EvalVid (J. Klaue et al., 2003): from 31 dB "good", from 25 dB "fair", below
 "poor" and "bad"."""

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from v3studio.studio.gaussians import Gaussians
 
 
+UNCUT_PADDING = 8
+"""Pixels around the box of `UncutPair`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Residual:
     """Rendered minus footage in the box (rows and columns) of a view, (h, w, 3) float16, colors in 0 to 1, kept from
@@ -20,6 +24,26 @@ class Residual:
 
     box: tuple[slice, slice]
     values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """What is behind the performer in a view, (H, W, 3) float32 RGB in 0 to 1; and where the performer is, by mask or
+    by difference from it, (H, W) bool."""
+
+    image: np.ndarray
+    performer: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class UncutPair:
+    """The uncut footage, and splats over what is behind them, of the whole view; float32 RGB in 0 to 1. `performer`: as
+    in `Behind`; `box`: rows and columns around it."""
+
+    footage: np.ndarray  # (H, W, 3)
+    rendered: np.ndarray  # (H, W, 3)
+    performer: np.ndarray
+    box: tuple[slice, slice]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +58,7 @@ class ViewPair:
     # of the performer
     depth: np.ndarray
     fitted: np.ndarray | None = None  # (h, w, 3) splats after the best 3x4 color matrix; None: it was not asked for
+    uncut: UncutPair | None = None  # None: what is behind the performer is not known
 
     @property
     def residual(self) -> Residual:
@@ -51,8 +76,10 @@ class ViewPair:
         box: tuple[slice, slice] | None = None,
         device: str = "cpu",
         fit: bool = False,
+        behind: Behind | None = None,
     ) -> ViewPair:
-        """Render a view and composite (H, W, 3) uint8 RGB footage by its (H, W) uint8 mask over RGB in 0 to 1."""
+        """Render a view and composite (H, W, 3) uint8 RGB footage by its (H, W) uint8 mask over RGB in 0 to 1. With
+        `behind`, splats are also composited over that, for comparison with the uncut footage."""
         import torch
 
         from v3studio.studio.color_fit import correct_color, fit_color
@@ -64,13 +91,19 @@ class ViewPair:
             render = rasterize(gaussians.to(device), camera, torch.zeros_like(color))
             rest = (1 - render.alpha)[..., None] * color
             shown = torch.from_numpy(mask).to(device)[..., None].float() / 255
-            footage = torch.from_numpy(image).to(device).float() / 255 * shown + color * (1 - shown)
+            whole = torch.from_numpy(image).to(device).float() / 255
+            footage = whole * shown + color * (1 - shown)
             images = [footage, (render.image + rest).clamp(0, 1)]
             if fit:
                 matrix = fit_color(render.image, render.alpha, footage - rest, shown[..., 0] > 0.5)
                 images.append((correct_color(render.image, render.alpha, matrix) + rest).clamp(0, 1))
+            uncut = None
+            if behind is not None:
+                over = render.image + (1 - render.alpha)[..., None] * torch.from_numpy(behind.image).to(device)
+                around = padded_box(behind.performer.astype(np.uint8) * 255, UNCUT_PADDING) or box
+                uncut = UncutPair(whole.cpu().numpy(), over.clamp(0, 1).cpu().numpy(), behind.performer, around)
         cut = [each[box].cpu().numpy() for each in images]
-        return cls(cut[0], cut[1], tuple(background), box, outline_depth(mask)[box], cut[2] if fit else None)
+        return cls(cut[0], cut[1], tuple(background), box, outline_depth(mask)[box], cut[2] if fit else None, uncut)
 
 
 def outline_depth(mask: np.ndarray) -> np.ndarray:

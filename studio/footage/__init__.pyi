@@ -1,4 +1,5 @@
 from .checks import check_footage as check_footage
+from .empty_set import EmptySets as EmptySets
 from .footage import Footage as Footage
 from .footage import FootageView as FootageView
 from .matching import match_rig as match_rig

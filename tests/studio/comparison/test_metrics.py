@@ -11,7 +11,7 @@ import torch
 from tests.support.rigs import camera_at
 from tests.support.splats import round_splats
 from v3studio.studio.cameras import Camera
-from v3studio.studio.comparison import ViewPair, find_camera, measure, padded_box
+from v3studio.studio.comparison import Behind, ViewPair, find_camera, measure, padded_box
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer import rasterize
 
@@ -102,3 +102,26 @@ def test_cameras_are_found_by_number_if_only_one_has_it() -> None:
     assert find_camera("48", ["a48", "b48"]) is None
     assert find_camera("48", ["a48", "48"]) == "48"
     assert find_camera("left", ["right"]) is None
+
+
+def test_uncut_figures_count_what_the_mask_lost() -> None:
+    image, mask = filmed()
+    room = np.full((*mask.shape, 3), 0.3, np.float32)
+    alpha = rasterize(splats(), camera(), torch.zeros(3)).alpha.numpy()[..., None]
+    uncut = (np.clip(image / 255 + (1 - alpha) * room, 0, 1) * 255 + 0.5).astype(np.uint8)
+    upper = np.arange(HEIGHT)[:, None] < HEIGHT // 2
+    cut = np.where(upper, mask, 0).astype(np.uint8)
+    means = splats().means[:, 1]
+    half = splats()[means < means.median()]  # the image's y axis points down, as the world's
+    behind = Behind(room, mask > 127)
+    found = {
+        name: measure(ViewPair.of(gaussians, camera(), uncut, cut, (0, 0, 0), padded_box(cut, 8), behind=behind))
+        for name, gaussians in {"all": splats(), "half": half}.items()
+    }
+    assert found["half"]["psnr"] > found["all"]["psnr"] - 3, "the mask's own figures do not see what is missing"
+    for name in ("psnr_performer", "psnr_moving", "psnr_picture"):
+        assert found["all"][name] > found["half"][name] + 6
+    rendered = ViewPair.of(half, camera(), uncut, cut, (0, 0, 0), behind=behind).uncut
+    assert rendered is not None
+    truth = cv2.PSNR(uncut / 255, rendered.rendered.astype(float), 1.0)
+    assert found["half"]["psnr_picture"] == pytest.approx(truth, abs=1e-3)
