@@ -34,6 +34,7 @@ class What(StrEnum):
     OTHER = "other"
 
 
+UNDER = 0.4  # brightness of the image under a heat map
 HEAT_TOP = 48  # difference in 8-bit levels at the top of the heat map's scale
 LABEL_SIZE = 14  # size of texts unless another is given, pixels
 LEAST_SIZE = 9  # of texts of images that are enlarged to the window: smaller ones cannot be read
@@ -139,13 +140,19 @@ def heat_map(
     names: tuple[str, str],
     text: int,
     background: Sequence[float],
+    under: np.ndarray | None,
 ) -> np.ndarray:
-    """Draw a heat map of the difference, with a scale and `mean_difference`; `text`: size of labels, pixels."""
+    """Draw a heat map of the difference, with a scale and its mean: `mean_difference`, or of all that is seen over
+    `under`, an image in dark gray under the map. `text`: size of labels, pixels."""
     levels = difference(left, right)
     canvas = Canvas(*size)
-    canvas.image(box.x, box.y, heat(levels))
-    pair, mean = f"{names[0]} and {names[1]}", f"mean {mean_difference(left, right, background):.2f}"
-    for words in (f"difference between {pair}: {mean} of 255 levels on the performer", f"{pair}: {mean} of 255", mean):
+    shown, where, mean_level = heat(levels), " on the performer", mean_difference(left, right, background)
+    if under is not None:
+        shown = np.maximum(shown, (UNDER * under.mean(axis=2, keepdims=True)).astype(np.uint8))
+        where, mean_level = "", float(levels.mean())
+    canvas.image(box.x, box.y, shown)
+    pair, mean = f"{names[0]} and {names[1]}", f"mean {mean_level:.2f}"
+    for words in (f"difference between {pair}: {mean} of 255 levels{where}", f"{pair}: {mean} of 255", mean):
         if text_width(words, text) <= size[0] - 2 * box.x - 32:
             break  # the longest that fits, so that the number is not truncated
     label(canvas, *_corner(box, text), words, size=text)

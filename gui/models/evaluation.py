@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from v3studio.gui.models.stage_rows import message_text
-from v3studio.pipelines.takes.results.evaluation import FrameQuality, Quality, read_evaluation
+from v3studio.pipelines.takes.results.evaluation import FrameQuality, MaskCheck, Quality, read_evaluation
 from v3studio.studio.comparison.metrics import MAIN
 from v3studio.studio.counts import listed
 from v3studio.studio.errors import StudioError
@@ -36,6 +36,7 @@ class Evaluation:
     # whether an earlier bake was evaluated: not the one that is there, or not the take as it is set now
     stale: bool = False
     of: str = ""  # name of another bake or take whose figures they are; "" for the open one
+    masks: MaskCheck | None = None
 
     @classmethod
     def read(cls, path: Path, stale: bool = False) -> Evaluation:
@@ -47,7 +48,7 @@ class Evaluation:
         except StudioError as error:
             return cls(error=message_text(error))
         frames = {row.index: row for row in evaluation.frames}
-        return cls(frames, evaluation.cameras, evaluation.protocol.held_out, stale=stale)
+        return cls(frames, evaluation.cameras, evaluation.protocol.held_out, "", stale, evaluation.masks)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and whose they are (`whose`); ({}, "") if not evaluated."""
@@ -55,6 +56,19 @@ class Evaluation:
         if quality is None:
             return {}, ""
         return quality.cameras.get(camera, quality).measures, self.whose(camera)
+
+    def wrong_masks(self, frame: int) -> tuple[str, list[tuple[str, str]]]:
+        """A sentence on masks that contradict the footage, "" if none does; and those of a frame, counted from 0, as
+        camera and kind, and share of the performer's area."""
+        if self.masks is None or not self.masks.words:
+            return "", []
+        number = self.frames[frame].frame if frame in self.frames else None
+        rows = [
+            (f"{each.camera}, {each.kind}", f"{each.share:.0%} of the performer")
+            for each in self.masks.contradictions
+            if each.frame == number
+        ]
+        return f"{self.masks.words[:1].upper()}{self.masks.words[1:]}.", rows
 
     def worst(self, count: int | None = None) -> list[WorstFrame]:
         """Decoded frames as cameras see them, the worst first, `count` at most."""

@@ -39,14 +39,14 @@ class ViewMode(Button):
 
 
 REVIEW_CHOICES: tuple[Choice, ...] = (
-    (What.FOOTAGE, "Footage", "Footage of a capture camera, masked (1)"),
+    (What.FOOTAGE, "Footage", "Footage of a capture camera (1)"),
     (What.TRAINED, "Trained", "Trained Gaussians (2)"),
     (What.DECODED, "Decoded", "Gaussians decoded from the baked stream (3)"),
     (What.OTHER, "Other bake", "Another bake or take to compare with; Bake > Bakes chooses it (4)"),
     ("", "", ""),
     (Mode.SIDE_BY_SIDE, "Side by side", "Up to four sources at once (S); B switches between two"),
     (Mode.WIPE, "Wipe", "Wipe against footage or trained; drag the line (W)"),
-    (Mode.DIFFERENCE, "Difference", "Difference heat map against footage or trained (D)"),
+    (Mode.DIFFERENCE, "Difference", "Difference heat map against the uncut footage or trained (D)"),
     ("", "", ""),
     (Mode.SCENE, "Scene", "Splats with cameras, points, mesh, grid and axes; click a camera to look through it (O)"),
     ("edit", "Edit", "Trim, crop, remove floaters, set axes and scale; can be undone (X)"),

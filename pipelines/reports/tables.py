@@ -25,7 +25,8 @@ def print_evaluation(take: Take) -> None:
     evaluation = read_evaluation(take.evaluation)
     summary, protocol = evaluation.summary, evaluation.protocol
     screen = console()
-    titles = [title for metric in evaluation.metrics for title in (f"{metric.title} trained", "decoded")]
+    metrics = [metric for metric in evaluation.metrics if metric.narrow]
+    titles = [title for metric in metrics for title in (f"{metric.title} trained", "decoded")]
     table = table_of("frame", "group", "splats", *titles, "KB")
     rows, left_out = evaluation.frames, ""
     if len(rows) > MOST_FRAMES:
@@ -35,9 +36,9 @@ def print_evaluation(take: Take) -> None:
     for row in rows:
         mark = "*" if row.starts_group else ""
         numbers = f"{row.frame}{mark}", str(row.group), str(row.splats)
-        table.add_row(*numbers, *metric_texts(row, evaluation.metrics), f"{row.bytes / 1000:.1f}")
+        table.add_row(*numbers, *metric_texts(row, metrics), f"{row.bytes / 1000:.1f}")
     table.add_section()
-    table.add_row("mean", "", "", *metric_texts(summary, evaluation.metrics), f"{summary.bytes_per_frame / 1000:.1f}")
+    table.add_row("mean", "", "", *metric_texts(summary, metrics), f"{summary.bytes_per_frame / 1000:.1f}")
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else f"{protocol.note} TRAINING cameras"
     screen.print(
@@ -49,6 +50,8 @@ def print_evaluation(take: Take) -> None:
         style="dim",
         markup=False,
     )
+    if evaluation.masks.words:
+        screen.print(f"Wrong: {evaluation.masks.words}.", style="bold red", markup=False, soft_wrap=True)
     screen.print(f"stream: {take.stream}\nreport: {take.report}", markup=False, soft_wrap=True)
 
 

@@ -22,6 +22,7 @@ from v3studio.studio.counts import counted
 from v3studio.studio.errors import visible
 from v3studio.studio.process import NativeLines
 
+SERIOUS = ("evaluation.masks_contradicted",)  # codes of warnings that are printed in red: figures are worth nothing
 MOST_ALIKE = 3  # warnings of one kind that are printed for a stage
 
 
@@ -81,7 +82,8 @@ class Bars:
         elif isinstance(event, Warned):
             self._warnings[event.code] += 1
             if self._warnings[event.code] <= MOST_ALIKE:
-                self._say(f"[yellow]warning:[/yellow] {escaped(event.message)}")
+                color = "bold red" if event.code in SERIOUS else "yellow"
+                self._say(f"[{color}]warning:[/{color}] {escaped(event.message)}")
         elif isinstance(event, StageFinished):
             self._say_repeated()
             figures = summary_words(event.stage, event.summary)

@@ -69,7 +69,7 @@ STAGES = (
         "bake", "Bake", "encode the trained Gaussians as a stream", version=3, weight=3, dependencies=("train",),
     ),
     Stage(
-        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=2,
+        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=3,
         weight=5, dependencies=("calibrate", "train", "bake"), needs_all_groups=True,
     ),
 )  # fmt: skip

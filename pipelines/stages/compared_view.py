@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from v3studio.pipelines.stages.inputs import Inputs
-from v3studio.studio.comparison import ViewPair, padded_box
+from v3studio.studio.comparison import Behind, ViewPair, behind, padded_box
 
 if TYPE_CHECKING:
     from v3studio.studio.cameras import Camera
@@ -27,14 +27,18 @@ class ComparedView:
     box: tuple[slice, slice]
     background: tuple[float, float, float]
     device: str
+    behind: Behind | None = None  # for comparison with the uncut image, too
 
     def pair(self, gaussians: Gaussians) -> ViewPair:
         """The footage and these splats, in the box."""
-        return ViewPair.of(gaussians, self.camera, self.image, self.mask, self.background, self.box, self.device)
+        return ViewPair.of(
+            gaussians, self.camera, self.image, self.mask, self.background, self.box, self.device, behind=self.behind
+        )
 
 
-def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | None:
-    """One view of a frame of the footage, or None if the camera does not see the performer."""
+def compared_view(inputs: Inputs, camera: str, frame: int, uncut: bool = False) -> ComparedView | None:
+    """One view of a frame of the footage, or None if the camera does not see the performer. `uncut`: to compare
+    with the uncut image as well, if the set is known and edits remove nothing."""
     footage, settings, crop = inputs.trained_footage, inputs.config, inputs.edits.crop
     view = footage.view(camera, frame)
     mask = footage.evaluation_mask(camera, frame)
@@ -45,7 +49,9 @@ def compared_view(inputs: Inputs, camera: str, frame: int) -> ComparedView | Non
         return None
     world = inputs.edits.similarity
     place = view.camera if world.is_identity else world.camera(view.camera)
-    return ComparedView(place, view.image, mask, box, settings.evaluate.background, inputs.device)
+    plate = inputs.sets.plate(camera) if uncut and crop is None and not inputs.edits.regions else None
+    back = None if plate is None else behind(view.image, mask, plate, inputs.capture)
+    return ComparedView(place, view.image, mask, box, settings.evaluate.background, inputs.device, back)
 
 
 def compared_cameras(footage: Footage) -> tuple[str, ...]:

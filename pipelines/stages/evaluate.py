@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -24,17 +24,27 @@ from v3studio.pipelines.takes.frames.edited import EditedGroup
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.pipelines.takes.results.evaluation import (
     MEASURES,
+    Contradiction,
     Evaluation,
     EvaluationSummary,
     FrameQuality,
+    MaskCheck,
     Protocol,
     Quality,
 )
 from v3studio.pipelines.takes.results.records import result_of
 from v3studio.pipelines.takes.take import group_name
 from v3studio.studio.atomic_files import remove, write_text
-from v3studio.studio.comparison import Residual, flicker_of, measure
+from v3studio.studio.comparison import (
+    LEAST_SHARE,
+    CheckedView,
+    Residual,
+    contradicting_masks,
+    flicker_of,
+    measure,
+)
 from v3studio.studio.errors import Message, StudioError
+from v3studio.studio.masks.mask_source import evenly_spaced
 
 if TYPE_CHECKING:
     from v3studio.studio.footage import Footage
@@ -44,6 +54,12 @@ if TYPE_CHECKING:
 STAGE = stage_named("evaluate")
 
 SHOWN_FRAMES = 4  # frames that the report shows as images, spread over the take
+MOST_CHECKED = 32  # cameras whose masks are compared with the footage
+_RENDERED = 0.7  # share of a group's work after which masks are compared with the footage
+UNCUT = (
+    "the splats over the set, in the camera's brightness, against the camera's image: performer, where they are by "
+    "mask or by difference from the set; moving, the box around that, padded by 8 px; picture, all of it"
+)
 
 
 @lru_cache(maxsize=1)
@@ -120,7 +136,35 @@ class EvaluatePlan:
 
     def view(self, camera: str, frame: int) -> ComparedView | None:
         """A view of a frame, by its number in the footage; None if the camera does not see the performer."""
-        return compared_view(self.inputs, camera, frame)
+        return compared_view(self.inputs, camera, frame, uncut=True)
+
+    @cached_property
+    def checked(self) -> tuple[str, ...]:
+        """The cameras whose masks are compared with the footage: those that are measured, and of the others so many
+        that there are `MOST_CHECKED`."""
+        others = [name for name in self.footage.train_cameras if name not in self.cameras]
+        some = evenly_spaced(others, max(MOST_CHECKED - len(self.cameras), 0)) if others else []
+        return tuple(name for name in self.footage.camera_names if name in {*self.cameras, *some})
+
+    @cached_property
+    def evidence(self) -> Literal["set", "masks"]:
+        """What masks are compared with."""
+        return "masks" if self.inputs.sets.plate(self.cameras[0]) is None else "set"
+
+    def contradictions(self, group: Group, tick: Callable[[float], None]) -> tuple[Contradiction, ...]:
+        """Where the masks of a group contradict the footage; `tick` is told how much of it is done, 0 to 1."""
+
+        def frames() -> Iterator[tuple[int, dict[str, CheckedView]]]:
+            chosen = [frame for index, frame in zip(group.indices, group.frames, strict=True) if index in self.baked]
+            for number, frame in enumerate(chosen):
+                views = {}
+                for place, name in enumerate(self.checked):
+                    tick((number + place / len(self.checked)) / len(chosen))
+                    view = self.footage.view(name, frame)
+                    views[name] = CheckedView.of(view, self.inputs.sets.plate(name), self.inputs.capture)
+                yield int(frame), views
+
+        return tuple(Contradiction(**vars(each)) for each in contradicting_masks(frames()))
 
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
@@ -142,11 +186,13 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         stream_bytes, frame_bytes = reader.played_bytes, reader.played_bytes / reader.frame_count
     rows = tuple(row for group in measured for row in group.frames)
     _tell_unseen(plan, measured, reporter)
+    masks = _mask_check(plan, measured, reporter)
     summary = EvaluationSummary(
         **_means(rows),
         bytes_per_frame=round(frame_bytes, 1),
         psnr_trained_lowest_frame=min(row.psnr_trained for row in rows),
         psnr_decoded_lowest_frame=min(row.psnr_decoded for row in rows),
+        frames_contradicting_masks=len(masks.frames),
         **_mean_flicker("flicker", rows),
         **_mean_flicker("flicker_at_group_borders", [row for row in rows if row.starts_group]),
     )
@@ -156,6 +202,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         protocol=_protocol(plan, stream_bytes),
         cameras={name: Quality(**_means(qualities)) for name, qualities in seen.items() if qualities},
         frames=rows,
+        masks=masks,
     )
     reporter.progress(0.97, "writing the report")
     before = STAGE_NAMES[: STAGE_NAMES.index(STAGE.name)]
@@ -194,6 +241,24 @@ def _tell_unseen(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter
         reporter.warn(Message("evaluation.not_visible", problem, fields={"camera": camera, "frame": frame}))
 
 
+def _mask_check(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter: StageReporter) -> MaskCheck:
+    """The masks' comparison with the footage, with a warning of contradictions."""
+    wrong = tuple(each for group in measured for each in group.contradictions)
+    check = MaskCheck(evidence=plan.evidence, cameras=plan.checked, least_share=LEAST_SHARE, contradictions=wrong)
+    if wrong:
+        fields = {
+            "frames": list(check.frames),
+            "cameras": sorted({each.camera for each in wrong}),
+            "share": max(each.share for each in wrong),
+        }
+        problem, fix = (
+            f"the masks contradict the footage: {' '.join(check.words)}",
+            "Correct the masks, and train again.",
+        )
+        reporter.warn(Message("evaluation.masks_contradicted", problem, fix=fix, fields=fields))
+    return check
+
+
 def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
     """The protocol, which says how it was measured."""
     footage, settings = plan.footage, plan.config.evaluate
@@ -206,6 +271,7 @@ def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
         background=settings.background,
         footage="the camera's image composited over the background with the evaluation mask"
         + (", where the camera sees the crop box" if plan.edits.crop is not None else ""),
+        uncut=UNCUT if plan.evidence == "set" else None,
         frames=tuple(int(footage.frames[index]) for index in plan.baked),
         mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
         ssim="11x11 Gaussian window, sigma 1.5",
@@ -253,6 +319,7 @@ class MeasuredGroup(Result):
     key: str  # digest of everything that the results were made from
     frames: tuple[FrameQuality, ...]
     unseen: tuple[tuple[int, str], ...]  # index of a frame, and a camera that does not see the performer in it
+    contradictions: tuple[Contradiction, ...]
     samples: tuple[dict[str, str], ...]  # images in the report, of one view each: data URIs by label
 
 
@@ -303,7 +370,7 @@ def _measure(
         views: dict[str, Quality] = {}
         residuals: dict[str, Residual] = {}
         for number, camera in enumerate(cameras):
-            done = (position + number / len(cameras)) / len(group.frames)
+            done = _RENDERED * (position + number / len(cameras)) / len(group.frames)
             reporter.progress(start + (stop - start) * done, f"frame {frame}", frame=frame, group=group.index)
             view = plan.view(camera, frame)
             if view is None:
@@ -333,7 +400,18 @@ def _measure(
             rows.append(row)
             reporter.metrics(row.measures, group=group.index, frame=frame)
         before = residuals
-    measured = MeasuredGroup(key=plan.key_of(group), frames=tuple(rows), unseen=tuple(unseen), samples=tuple(samples))
+
+    def tick(done: float) -> None:
+        done = _RENDERED + (1 - _RENDERED) * done
+        reporter.progress(start + (stop - start) * done, "comparing masks with the footage", group=group.index)
+
+    measured = MeasuredGroup(
+        key=plan.key_of(group),
+        frames=tuple(rows),
+        unseen=tuple(unseen),
+        contradictions=plan.contradictions(group, tick),
+        samples=tuple(samples),
+    )
     write_model(plan.file(group), measured)
     return measured
 

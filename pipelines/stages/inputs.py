@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from v3studio.studio.cameras import Rig
     from v3studio.studio.capture import CaptureSettings
     from v3studio.studio.edits import CropBox, EditList
-    from v3studio.studio.footage import Footage
+    from v3studio.studio.footage import EmptySets, Footage
 
 
 @dataclass(eq=False)
@@ -75,6 +75,13 @@ class Inputs:
         return self.opened(own_frame(read_rig(self.take.rig)).rig(read_rig(self.take.refined_rig)))
 
     @cached_property
+    def sets(self) -> EmptySets:
+        """What is behind the performer in each camera of `trained_footage`."""
+        from v3studio.studio.footage import EmptySets
+
+        return EmptySets(self.trained_footage)
+
+    @cached_property
     def footage_digest(self) -> str:
         """Digest of all files, also of unused frames: when more frames are used, the results of others stay valid. So
         do they when the take is moved or copied."""
@@ -89,8 +96,8 @@ class Inputs:
 
     def forget_cameras(self) -> None:
         """Reopen the footage on next access, after the cameras have changed."""
-        self.__dict__.pop("calibrated_footage", None)
-        self.__dict__.pop("trained_footage", None)
+        for name in ("calibrated_footage", "trained_footage", "sets"):
+            self.__dict__.pop(name, None)
 
     def seen_by_training(self) -> Params:
         """The footage's digest, and the settings and the crop box that affect training views."""

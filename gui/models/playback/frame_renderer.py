@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,10 +22,14 @@ from v3studio.gui.models.scene.reader import SceneReader
 from v3studio.gui.models.scene.render import Place, render_scene
 from v3studio.gui.models.stages import performer_over
 from v3studio.studio.cameras import Camera
+from v3studio.studio.comparison import lit
 from v3studio.studio.coverage import ViewRange
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.memory_cache import MemoryCache
+
+if TYPE_CHECKING:
+    from v3studio.studio.footage import Footage
 
 KEPT_PICTURES = 9
 
@@ -135,8 +140,11 @@ class FrameRenderer:
             pair, box = (shown[0], shown[1]), where[0]
             image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)
         else:
-            pair = (shown[0], shown[1])
-            seen = (pair, request.text, request.background)
+            pair, under = (shown[0], shown[1]), None
+            if What.FOOTAGE in names and capture is not None:
+                under = images[names.index(What.FOOTAGE)]
+                images = [self._part(request, name, where[0], capture, uncut=True).image for name in names]
+            seen = (pair, request.text, request.background, under)
             image = compare.heat_map(request.size, where[0], images[0], images[1], *seen)
         if request.place is not None:
             image = image.copy()
@@ -152,21 +160,26 @@ class FrameRenderer:
         image, cameras, ends = render_scene(self.reader, gaussians, self._camera(request, box, capture), request)
         return Picture(image, request, len(gaussians), time.perf_counter() - start, box, cameras, ends)
 
-    def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
+    def _part(self, request: RenderRequest, name: str, box: Box, capture: Camera | None, uncut: bool = False) -> _Part:
+        """An image of what is called `name`. `uncut`: to compare splats over the set with the footage. Without an image
+        of the set, the footage is cut out."""
         source = request.context if name == What.FOOTAGE else _source(request, name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
-        key = (name, source, request.frame, request.number, seen_by, request.background, box.width, box.height)
+        key = (name, source, request.frame, request.number, seen_by, request.background, box.width, box.height, uncut)
         # `forget` replaces the cache, on another thread
-        return self._kept.get_or_make(key, lambda _: self._drawn(request, name, box, capture))
+        return self._kept.get_or_make(key, lambda _: self._drawn(request, name, box, capture, uncut))
 
-    def _drawn(self, request: RenderRequest, name: str, box: Box, capture: Camera | None) -> _Part:
+    def _drawn(self, request: RenderRequest, name: str, box: Box, capture: Camera | None, uncut: bool) -> _Part:
         if name == What.FOOTAGE:
-            return _Part(footage_image(request, box.width, box.height), 0, 0.0)
+            return _Part(footage_image(request, box.width, box.height, uncut), 0, 0.0)
         source = _source(request, name)
         gaussians = source.gaussians(request.frame)
         start = time.perf_counter()
         camera = self._camera(request, box, capture)
         image = self.draw(gaussians, camera, request.background)
+        behind = set_image(request, box.width, box.height) if uncut else None
+        if behind is not None:
+            image = over(behind, *(self.draw(gaussians, camera, color) for color in ((0.0,) * 3, (1.0,) * 3)))
         if capture is not None:
             request.image_zoom.mask_outside(image, capture)
         else:
@@ -236,9 +249,36 @@ def faded(
     return canvas.pixels
 
 
-def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray:
-    """(height, width, 3) uint8: the performer as filmed, over the background, as in evaluation. StudioError:
-    `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`, or an unreadable image."""
+def over(behind: np.ndarray, on_black: np.ndarray, on_white: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8: splats, as drawn over black and over white, over an image."""
+    through = np.clip(on_white.astype(np.float32) - on_black, 0, 255) / 255
+    return np.clip(on_black + through * behind + 0.5, 0, 255).astype(np.uint8)
+
+
+def footage_image(request: RenderRequest, width: int, height: int, compared: bool = False) -> np.ndarray:
+    """(height, width, 3) uint8: the image as filmed; if it is `compared`, but the set is not known, only the performer,
+    over the background. StudioError: `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`, or
+    an unreadable image."""
+    footage, number = _filmed(request)
+    if compared and set_image(request, width, height) is None:
+        image = performer_over(footage, request.camera, number, request.background)
+    else:
+        image = footage.image(request.camera, number)
+    return request.image_zoom.picture(image, footage.rig[request.camera], width, height)
+
+
+def set_image(request: RenderRequest, width: int, height: int) -> np.ndarray | None:
+    """(height, width, 3) uint8: the set, as bright as the footage; None if it is not known. StudioError as above."""
+    footage, number = _filmed(request)
+    plate = request.context.sets.plate(request.camera) if request.context is not None else None
+    if plate is None:
+        return None
+    image = (255 * lit(plate, footage.image(request.camera, number)) + 0.5).astype(np.uint8)
+    return request.image_zoom.picture(image, footage.rig[request.camera], width, height)
+
+
+def _filmed(request: RenderRequest) -> tuple[Footage, int]:
+    """The footage, and the frame's number in it."""
     if request.context is None:
         raise StudioError("playback.no_footage", "a stream has no footage", fix="Open its take.")
     if not request.camera:
@@ -249,7 +289,4 @@ def footage_image(request: RenderRequest, width: int, height: int) -> np.ndarray
     if frame not in known:
         words = f"the settings use frames {footage.frames[0]} to {footage.frames[-1]} of the footage only"
         raise StudioError("footage.no_such_frame", words, frame=frame)
-    number = footage.frames[frame] if request.number is None else frame
-    image = performer_over(footage, request.camera, number, request.background)
-    camera = footage.rig[request.camera]
-    return request.image_zoom.picture(image, camera, width, height)
+    return footage, footage.frames[frame] if request.number is None else frame

@@ -8,7 +8,7 @@ import numpy as np
 
 from v3studio.gui.drawing.canvas import Canvas, line_height, wrapped
 from v3studio.gui.drawing.compare import What
-from v3studio.gui.drawing.palette import DIM, LINE, PANEL, TEXT, State
+from v3studio.gui.drawing.palette import BAD, DIM, LINE, PANEL, TEXT, State
 from v3studio.gui.models.evaluation import DECODED, Evaluation
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.player import PlayerPresenter
@@ -32,11 +32,13 @@ OVER = (
 
 @dataclass(frozen=True)
 class Block:
-    """Figures under a heading. `rows`: (name, value). `note`: a sentence below the rows; "" for none."""
+    """Figures under a heading. `rows`: (name, value). `note`: a sentence below the rows; "" for none. `bad`: the
+    sentence is red."""
 
     title: str
     rows: Sequence[Row]
     note: str = ""
+    bad: bool = False
 
 
 def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks, camera: str = "") -> list[Block]:
@@ -67,6 +69,9 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     note = evaluation.error or note_on_figures(player, bool(rows), evaluation.stale)
     if rows or note:
         blocks.append(Block(f"Quality, {whose}" if whose else "Quality", rows, note))
+    words, wrong = evaluation.wrong_masks(frame)
+    if words:
+        blocks.insert(1, Block("Masks", wrong, words, bad=True))
     if transport.span is not None:
         blocks.append(span_block(player, evaluation, camera, *transport.span))
     if player.left_out:
@@ -195,7 +200,7 @@ def _draw_blocks(canvas: Canvas, blocks: Sequence[Block], em: float, y: float) -
             canvas.text(width - 0.6 * em, y, value, size, TEXT, align="right", width=width - name_width - 1.8 * em)
             y += line_height(size)
         note = wrapped(block.note, size, width - 1.2 * em) if block.note else []
-        y = canvas.lines(0.6 * em, y, note, size, DIM) + 0.3 * em
+        y = canvas.lines(0.6 * em, y, note, size, BAD if block.bad else DIM) + 0.3 * em
     return y
 
 

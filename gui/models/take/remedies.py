@@ -23,6 +23,7 @@ REMEDIES: Mapping[str, str] = {  # the setting that fixes a warning, by its code
     "cluster.no_node": "run.memory_per_group",
     "cluster.out_of_memory": "run.memory_per_group",
     "coverage.gaps": "bake.view_range",
+    "evaluation.masks_contradicted": "capture.masks",
     "evaluation.no_held_out": "capture.held_out",
     "footage.few_frames": "calibrate.frame_count",
     "hull.mask_mismatch": "capture.mask_sensitivity",

@@ -1,15 +1,16 @@
 """evaluation.json: image quality of the trained Gaussians and of the decoded stream, and how it was measured."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import create_model
 
 from v3studio.pipelines.takes.files.json_files import Result, read_model
 from v3studio.pipelines.takes.results.records import read_record, result_of
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.capture.patterns import number_ranges
 from v3studio.studio.comparison.metrics import EVALUATED, MAIN, Metric
-from v3studio.studio.counts import size_words
+from v3studio.studio.counts import cameras_listed, counted, size_words
 
 MEASURES = tuple(f"{metric.name}_{what}" for metric in EVALUATED for what in ("trained", "decoded"))
 """Figures of a row, in order: metrics of trained and decoded frames. LPIPS only with evaluate.lpips."""
@@ -22,8 +23,10 @@ else:
 
 class Quality(_Figures):
     """Image quality of a view, or the mean over views: fields by `MEASURES`, None if not measured. PSNR in dB, at most
-    100: interior, more than 3 pixels inside the mask (None if no part is so thick); outline, up to 3 pixels from the
-    mask's outline. SSIM and LPIPS in 0 to 1."""
+    100, of footage cut out by its mask: interior, more than 3 pixels inside the mask (None if no part is so thick);
+    outline, up to 3 pixels from the mask's outline. PSNR over the set against the uncut footage, None if the set is not
+    known: performer, by mask or by difference from the set; moving, the box around that; picture, all of it. SSIM and
+    LPIPS in 0 to 1."""
 
     psnr_trained: float
     psnr_decoded: float
@@ -67,6 +70,9 @@ class EvaluationSummary(Quality):
 
     psnr_trained_lowest_frame: float
     psnr_decoded_lowest_frame: float
+    frames_contradicting_masks: int = 0
+    """Frames whose masks contradict the footage, see `MaskCheck`."""
+
     flicker: float | None = None
     """Mean over frames."""
 
@@ -88,7 +94,60 @@ class EvaluationSummary(Quality):
             borders = self.flicker_at_group_borders
             at = "" if borders is None else f" ({borders:.1f} at group borders)"
             parts.append(f"flicker {self.flicker:.1f} of 255 levels{at}")
+        if self.frames_contradicting_masks:
+            parts.append(f"masks contradict the footage in {counted(self.frames_contradicting_masks, 'frame')}")
         return parts
+
+
+class Contradiction(Result):
+    """A mask that contradicts the footage."""
+
+    frame: int
+    """Frame number in the footage."""
+
+    camera: str
+
+    kind: Literal["missing", "extra"]
+    """missing: the mask lacks a part that looks like the performer. extra: it has a part that looks like the set."""
+
+    share: float
+    """Area of the part as a fraction of the performer's, 0 to 1."""
+
+
+class MaskCheck(Result):
+    """The comparison of masks with the footage, independent of splats."""
+
+    evidence: Literal["set", "masks"]
+    """What masks were compared with. set: differences from the empty set, and masks of the frames before and after.
+    masks: these and, with 6 cameras or more, the masks of the other cameras."""
+
+    cameras: tuple[str, ...]
+    """The cameras whose masks were checked, in all evaluated frames."""
+
+    least_share: float
+    """Share of the performer's area from which a contradiction counts."""
+
+    contradictions: tuple[Contradiction, ...]
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Numbers of frames with contradictions, in order."""
+        return tuple(sorted({each.frame for each in self.contradictions}))
+
+    @property
+    def words(self) -> str:
+        """What contradicts the footage: frames, cameras, and shares of the performer's area; "" if nothing does."""
+        parts = []
+        for kind, end in (("missing", "is not in the masks"), ("extra", "in the masks looks like the set")):
+            wrong = [each for each in self.contradictions if each.kind == kind]
+            if wrong:
+                frames = sorted({each.frame for each in wrong})
+                cameras = [name for name in self.cameras if any(each.camera == name for each in wrong)]
+                of = cameras_listed(cameras) if len(cameras) <= 6 else f"{len(cameras)} cameras"
+                most = max(each.share for each in wrong)
+                words = f"{counted(len(frames), 'frame')} ({number_ranges(frames)}) of {of}"
+                parts.append(f"up to {most:.0%} of the performer's area {end} in {words}")
+        return f"the masks contradict the footage: {'; '.join(parts)}" if parts else ""
 
 
 class Protocol(Result):
@@ -112,6 +171,9 @@ class Protocol(Result):
     footage: str
     """The way in which the images that are compared with are made."""
 
+    uncut: str | None = None
+    """The way in which splats are compared with the uncut footage; None: they are not."""
+
     frames: tuple[int, ...]
     mean: str
     ssim: str
@@ -131,6 +193,7 @@ class Evaluation(Result):
     """Means over frames, by camera name."""
 
     frames: tuple[FrameQuality, ...]
+    masks: MaskCheck
 
     @property
     def metrics(self) -> tuple[Metric, ...]:

@@ -19,6 +19,7 @@ from v3studio.gui.models.take.inspector import review_blocks
 from v3studio.pipelines.reports.images import render
 from v3studio.pipelines.takes.authored.marks import Mark, change_mark
 from v3studio.pipelines.takes.frames.frame_files import read_frame
+from v3studio.pipelines.takes.results.evaluation import Contradiction
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError
@@ -85,6 +86,20 @@ def test_a_group_that_was_trained_again_is_noticed(tmp_path: Path, monkeypatch: 
     assert take_contents(take) != before
 
 
+def test_masks_that_contradict_the_footage_are_named(player: PlayerPresenter, finished: Path) -> None:
+    evaluation = Evaluation.read(finished / "take" / "evaluation.json")
+    assert evaluation.wrong_masks(2) == ("", [])
+    assert evaluation.masks is not None
+    wrong = Contradiction(frame=2, camera="cam3", kind="missing", share=0.25)
+    evaluation = replace(evaluation, masks=evaluation.masks.model_copy(update={"contradictions": (wrong,)}))
+    for frame, rows in ((2, [("cam3, missing", "25% of the performer")]), (3, [])):
+        player.transport.seek(frame)
+        settle(player)
+        (block,) = (block for block in review_blocks(player, evaluation, Marks(None)) if block.bad)
+        assert block.rows == rows
+        assert "cam3" in block.note
+
+
 def test_wheel_and_drag_move_within_a_cameras_image(player: PlayerPresenter) -> None:
     player.look_through("cam1")
     player.wheel(0, 0, 5)
@@ -105,8 +120,8 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished:
     settle(player)
     shown = {block.title: dict(block.rows) for block in review_blocks(player, evaluation, Marks(None))}
     quality = shown["Quality, mean of held-out cameras"]
-    assert quality["PSNR trained"] == f"{row['psnr_trained']:.2f} dB"
-    assert quality["PSNR decoded"] == f"{row['psnr_decoded']:.2f} dB"
+    assert quality["masked PSNR trained"] == f"{row['psnr_trained']:.2f} dB"
+    assert quality["masked PSNR decoded"] == f"{row['psnr_decoded']:.2f} dB"
     assert quality["SSIM decoded"] == f"{row['ssim_decoded']:.4f}"
     assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
     assert shown["Frame"]["splats"] == f"{row['splats']:,}"
