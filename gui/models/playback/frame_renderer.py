@@ -176,9 +176,10 @@ class FrameRenderer:
         gaussians = source.gaussians(request.frame)
         start = time.perf_counter()
         camera = self._camera(request, box, capture)
-        image = self.draw(gaussians, camera, request.background)
         behind = set_image(request, box.width, box.height) if uncut else None
-        if behind is not None:
+        if behind is None:
+            image = self.draw(gaussians, camera, request.background)
+        else:
             image = over(behind, *(self.draw(gaussians, camera, color) for color in ((0.0,) * 3, (1.0,) * 3)))
         if capture is not None:
             request.image_zoom.mask_outside(image, capture)
