@@ -9,7 +9,7 @@ A part that a mask lacks is also missing if the masks of the frames before and a
 and the image has not changed there.
 
 Without an image of the set, masks are compared with each other: a part of the other cameras' hull that a mask lacks is
-missing as far as it exceeds what hulls of this capture usually have around the performer.
+missing as far as it exceeds what hulls usually have around the performer, in this camera and in all.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 Kind = Literal["missing", "extra"]
 
-LEAST_SHARE = 0.03
+LEAST_SHARE = 0.04
 """Share of the performer's area from which a contradiction counts."""
 FEWEST_CAMERAS = 6
 """Fewer cannot support each other."""
@@ -52,6 +52,8 @@ _IN_HULL, _NOT_IN_HULL = 1.5, -1.5
 """Votes from which a part is in nearly all of the other masks, and up to which it is in too few of them."""
 _USUAL = 2.0
 """Weight of what is usual in a capture, in the least share without an image of the set."""
+_FEWEST_SHARES = 3
+"""Fewer shares do not show what is usual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,18 +138,28 @@ def contradicting_masks(frames: Iterable[tuple[int, Mapping[str, CheckedView]]])
             parts += _parts(*now, [views for _, views in (before, after) if views])
         before, now = now, after
     parts = [
-        replace(part, area=_opened(part.area & equal[part.camera])) if part.by_set and part.kind == "extra" else part
+        replace(part, area=_opened(part.area & equal[part.camera])) if part.sure and part.kind == "extra" else part
         for part in parts
     ]
-    usual = {
-        kind: np.median([part.share for part in parts if part.kind == kind and not part.by_set] or [0.0])
-        for kind in ("missing", "extra")
-    }
-    return tuple(
-        MaskContradiction(part.frame, part.camera, part.kind, round(part.share, 4))
-        for part in parts
-        if part.share >= LEAST_SHARE + (0.0 if part.by_set else _USUAL * usual[part.kind])
-    )
+    by_hull: dict[tuple[Kind, str], list[float]] = {}
+    for part in parts:
+        if not part.sure:
+            for camera in ("", part.camera):  # of all cameras, and of one
+                by_hull.setdefault((part.kind, camera), []).append(part.share)
+
+    def least(part: _Part) -> float:
+        if part.sure:
+            return LEAST_SHARE
+        shares = [by_hull[part.kind, camera] for camera in ("", part.camera)]
+        usual = [float(np.median(each)) for each in shares if len(each) >= _FEWEST_SHARES]
+        return LEAST_SHARE + _USUAL * max(usual, default=0.0)
+
+    shares: dict[tuple[int, str, Kind], float] = {}
+    for part in parts:
+        if part.share >= least(part):
+            key = (part.frame, part.camera, part.kind)
+            shares[key] = max(shares.get(key, 0.0), round(part.share, 4))
+    return tuple(MaskContradiction(*key, share) for key, share in shares.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +171,7 @@ class _Part:
     kind: Kind
     area: np.ndarray  # (h, w) bool
     performer: int  # pixels of the performer
-    by_set: bool
+    sure: bool  # not only by the hull of the other cameras
 
     @property
     def share(self) -> float:
@@ -188,8 +200,12 @@ def _parts(frame: int, views: Mapping[str, CheckedView], neighbors: Sequence[Map
                 kept[camera] = _opened((vote < _NOT_IN_HULL) & view.mask)
     parts = []
     for camera, view in views.items():
-        area = _touching(lost[camera] | flickers[camera], view.mask)
-        parts.append(_Part(frame, camera, "missing", area, int((view.mask | area).sum()), by_set))
+        areas = {True: flickers[camera] | (lost[camera] & by_set)}
+        if not by_set:
+            areas[False] = lost[camera]
+        for sure, area in areas.items():
+            reached = _touching(area, view.mask)
+            parts.append(_Part(frame, camera, "missing", reached, int((view.mask | reached).sum()), sure))
         parts.append(_Part(frame, camera, "extra", kept[camera], int(view.mask.sum()), by_set))
     return parts
 
