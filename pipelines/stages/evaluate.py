@@ -154,17 +154,20 @@ class EvaluatePlan:
     def contradictions(self, group: Group, tick: Callable[[float], None]) -> tuple[Contradiction, ...]:
         """Where the masks of a group contradict the footage; `tick` is told how much of it is done, 0 to 1."""
 
+        around = range(group.first - 1, group.first + len(group.frames) + 1)  # also the frames before and after it
+        chosen = [int(self.footage.frames[index]) for index in around if index in self.baked]
+
         def frames() -> Iterator[tuple[int, dict[str, CheckedView]]]:
-            chosen = [frame for index, frame in zip(group.indices, group.frames, strict=True) if index in self.baked]
             for number, frame in enumerate(chosen):
                 views = {}
                 for place, name in enumerate(self.checked):
                     tick((number + place / len(self.checked)) / len(chosen))
                     view = self.footage.view(name, frame)
                     views[name] = CheckedView.of(view, self.inputs.sets.plate(name), self.inputs.capture)
-                yield int(frame), views
+                yield frame, views
 
-        return tuple(Contradiction(**vars(each)) for each in contradicting_masks(frames()))
+        wrong = contradicting_masks(frames())
+        return tuple(Contradiction(**vars(each)) for each in wrong if each.frame in group.frames)
 
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
