@@ -1,5 +1,6 @@
 """The evaluation against uncut footage, and of masks that contradict it."""
 
+import html
 from pathlib import Path
 
 import cv2
@@ -50,4 +51,4 @@ def test_masks_that_lost_a_part_are_named_everywhere(copied: Path, capsys: pytes
     take = Take.open(copied / "take")
     print_evaluation(take)
     assert after.masks.words in capsys.readouterr().out.replace("\n", "")
-    assert after.masks.words in take.report.read_text()
+    assert after.masks.words in html.unescape(take.report.read_text())
