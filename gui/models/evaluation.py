@@ -48,7 +48,7 @@ class Evaluation:
         except StudioError as error:
             return cls(error=message_text(error))
         frames = {row.index: row for row in evaluation.frames}
-        return cls(frames, evaluation.cameras, evaluation.protocol.held_out, "", stale, evaluation.masks)
+        return cls(frames, evaluation.cameras, evaluation.protocol.held_out, stale=stale, masks=evaluation.masks)
 
     def figures(self, frame: int, camera: str = "") -> tuple[Mapping[str, float], str]:
         """PSNR, SSIM and, if measured, LPIPS of a frame, and whose they are (`whose`); ({}, "") if not evaluated."""
