@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.pipelines.stages.camera_file import camera_file, camera_file_text
+from v3studio.studio.camera_files import read_rig
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
 from v3studio.studio.capture.patterns import walk
@@ -86,6 +87,16 @@ def found_lines(footage: Footage) -> tuple[str, ...]:
     if any("capture.held_out: " in line for line in cameras):
         lines = [line for line in lines if "capture.held_out: " not in line]
     return (*lines, *cameras)
+
+
+def with_camera_file(footage: Footage) -> Footage:
+    """The footage, opened again with the cameras of its camera file, if it has one that fits it."""
+    try:
+        path = camera_file(footage.spec)
+        rig = None if path is None else read_rig(path)
+        return open_footage(footage.spec, rig, strict=False, without_masks=footage.without_masks if rig else ())
+    except StudioError:  # `found_lines` says why
+        return open_footage(footage.spec, None, strict=False)
 
 
 def _beside(footage: Footage, folders: re.Pattern[str]) -> tuple[str, ...]:

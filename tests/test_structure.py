@@ -159,11 +159,11 @@ GUI = (
 
 
 STUDIO = (
-    "playback", "comparison", "perceptual", "formats", "edits", "training", "meshing", "stream", "rasterizer",
-    "splat_video", "calibration", "camera_files", "footage", "masks", "audio", "capture", "storage", "gaussians",
-    "coverage", "own_frame", "similarity", "cameras", "rotations", "torch_rotations", "metrics", "color_fit", "chroma",
-    "dilation", "settings", "yaml_text", "bounded_files", "atomic_files", "memory", "memory_cache", "process",
-    "progress", "validation", "counts", "errors", "json_types",
+    "playback", "comparison", "perceptual", "formats", "edits", "training", "card", "meshing", "stream",
+    "rasterizer", "splat_video", "calibration", "camera_files", "footage", "masks", "audio", "capture", "storage",
+    "gaussians", "coverage", "own_frame", "similarity", "cameras", "rotations", "torch_rotations", "metrics",
+    "color_fit", "chroma", "dilation", "settings", "yaml_text", "bounded_files", "atomic_files", "memory",
+    "memory_cache", "process", "progress", "validation", "counts", "errors", "json_types",
 )  # fmt: skip
 """Modules of `studio`, top down: each may import the ones after it, and nothing before it."""
 

@@ -14,7 +14,7 @@ from v3studio.pipelines.commands.common.working import working
 from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError, shown
-from v3studio.studio.progress import ProgressFn
+from v3studio.studio.progress import ProgressFn, part_of
 
 if TYPE_CHECKING:
     from v3studio.pipelines.takes.take import Take
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 def register(commands: Any) -> None:
     more = (
         "Results of a take and files of a stream are compared with the checksums that were recorded when they were "
-        "written. Of footage, all frames and masks are read. Exit code 1 if a file is damaged, changed or missing."
+        "written. Of footage, all frames and masks are read, and a card is measured on a few of them: whether cameras "
+        "are in time, fit the camera file, and have the right masks and the same colors. Exit code 1 if a file is "
+        "damaged, changed or missing, or if the card has something wrong."
     )
     command = add_command(commands, "check", "find damaged files of a take, a stream or footage", _check, more)
     command.add_argument(
@@ -31,6 +33,9 @@ def register(commands: Any) -> None:
     )
     command.add_argument(
         "--remove", action="store_true", help="delete damaged files of a take, so that the next run makes them"
+    )
+    command.add_argument(
+        "--card", type=Path, metavar="PNG", help="image of the card of footage (default: its name, -card.png)"
     )
 
 
@@ -56,26 +61,35 @@ def _check_footage(arguments: argparse.Namespace, folder: Path) -> int:
     """Check what a run would read: the footage, and with the camera file, if there is one."""
     from v3studio.pipelines.commands.common.source import read_settings
     from v3studio.pipelines.inspection import found_lines
+    from v3studio.pipelines.reports.images import write_image
     from v3studio.pipelines.stages.camera_file import camera_file, rig_of_capture
+    from v3studio.studio.card import draw, measure
     from v3studio.studio.footage import check_footage, open_footage
 
-    capture = read_settings(folder).capture
+    capture, card = read_settings(folder).capture, None
+    picture = arguments.card or Path(f"{folder.resolve().name}-card.png")
     with working("check", arguments) as report, closing(open_footage(capture, None, strict=False)) as footage:
-        problems = [str(problem) for problem in check_footage(footage, report)]
+        problems = [str(problem) for problem in check_footage(footage, part_of(report, 0, 50))]
         lines = list(found_lines(footage))
         try:
             path = camera_file(footage.spec)
-            if path is not None:
-                rig = rig_of_capture(path, footage)
-                open_footage(capture, rig, strict=False).close()
+            rig = None if path is None else rig_of_capture(path, footage)
+            without_masks = footage.without_masks if rig else ()
+            with closing(open_footage(capture, rig, strict=False, without_masks=without_masks)) as calibrated:
+                if not problems:
+                    measured = measure(calibrated, part_of(report, 50, 100))
+                    write_image(picture, draw(measured))
+                    card = measured.card
         except StudioError as error:
             problems.append(str(error))
             lines = [line for line in lines if line != str(error)]
-    arguments.result = {"footage": lines, "problems": problems}
+    arguments.result = {"footage": lines, "problems": problems, "card": card and card.model_dump(mode="json")}
     if not arguments.json:
         images = counted(len(footage.frames) * len(footage.camera_names), "image")
         say("\n".join([*lines, *problems, f"{images} checked, {len(problems) or 'no'} problems"]))
-    return 1 if problems else 0
+        if card is not None:
+            say("\n".join([*card.lines, f"{picture}: the card"]))
+    return 1 if problems or (card is not None and card.is_wrong) else 0
 
 
 def _check_take(arguments: argparse.Namespace, take: Take, folder: Path) -> int:

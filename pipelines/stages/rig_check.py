@@ -15,6 +15,7 @@ from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.studio.calibration.epipolar import PairMatches, match_images
+from v3studio.studio.calibration.outlines import Outlines, outline
 from v3studio.studio.calibration.report import RigVerdict
 from v3studio.studio.calibration.verdict import judge
 from v3studio.studio.cameras import Camera
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 _NAMED_PLACES = 3  # cameras of which the place is named where their masks contradict the others, the worst first
 _NEAR = 8  # frames before and after in which it is searched whether a camera is late
-_VERSION = 6  # of the judgment: another one judges again
+_VERSION = 7  # of the judgment: another one judges again
 
 
 class StoredVerdict(RigVerdict):
@@ -140,13 +141,14 @@ def judge_views(
     from v3studio.studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
     from v3studio.studio.meshing.silhouettes import silhouettes
 
+    outlines = Outlines({view.camera.name: [outline(view.mask)] for view in views}) if views else None
     if len(views) < LEAST_CAMERAS:
-        return judge(cameras, pairs, None)
+        return judge(cameras, pairs, None, outlines=outlines)
     least = max(3, len(views) // 3)
     shapes = silhouettes(views, max_pixels=PIXELS * len(views))
     agreement = mask_agreement(shapes, least)
     disagreeing = contradicting(agreement)
-    verdict = judge(cameras, pairs, {name: camera.error for name, camera in agreement.items()}, disagreeing)
+    verdict = judge(cameras, pairs, {name: camera.error for name, camera in agreement.items()}, disagreeing, outlines)
     if not disagreeing or "masks" not in verdict.blamed:
         return verdict
     frame, worst = views[0].frame, disagreeing[:_NAMED_PLACES]

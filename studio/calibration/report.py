@@ -120,7 +120,9 @@ class RigVerdict(_Model):
     fix: str = ""
     doubtful: tuple[str, ...] = ()  # cameras that disagree with the others
     blamed: Literal["", "cameras", "masks", "cameras or masks"] = ""  # what is wrong, if something is
+    cause: str = ""  # the mistake that explains a wrong rig: the kind of a `Mistake`
     fits: float | None = None  # fraction of all matches that fit; None for too few matches
+    touching: float | None = None  # fraction of the masks' tangents that fit; None for too few
     cameras: dict[str, CameraVerdict] = {}
 
 

@@ -1,17 +1,16 @@
 """Judges whether a rig is right, by what it was not made from: matches between images, and the performer's masks."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from v3studio.studio.calibration.epipolar import LEAST_MATCHES, PairMatches, distances, fitting, repetition
+from v3studio.studio.calibration.mistakes import Cameras, Mistake, mistakes, scaled
+from v3studio.studio.calibration.outlines import Outlines
 from v3studio.studio.calibration.report import CameraVerdict, RigVerdict
-from v3studio.studio.cameras import OPENGL_AXES, Camera
 from v3studio.studio.counts import cameras_listed, listed
-
-Cameras = Mapping[str, Camera]
 
 FITS = 0.85
 """Fraction of the matches that a correct rig fits at least: those tried have 0.91 to 0.99, folded ones 0.29 to 0.45."""
@@ -22,6 +21,10 @@ _MOST = 1 / 3  # of the cameras: if more disagree, it is the rig, or the masks, 
 _REPEATING = 0.2
 """Fraction of the matches that contradict each other, from which on they say nothing about cameras: 0.44 before walls
 with a repeating pattern, up to 0.04 elsewhere."""
+_TOUCHING, _APART = 0.6, 0.45
+"""Fraction of the tangents of masks that a correct rig has at the same place at least (those tried: 0.7 to 1.0), and
+that a wrong one has at most (all focal lengths and principal points 5% off: 0.3 to 0.44)."""
+_FEW_TANGENTS, _ENOUGH_TANGENTS = 8, 24  # that can show a mistake which explains them; that can judge alone
 _SCALES, _NEAR = np.geomspace(0.5, 2.0, 29), np.geomspace(0.95, 1.05, 11)
 """Factors of focal lengths that are tried, and the finer steps around the best of them."""
 
@@ -33,13 +36,14 @@ def judge(
     pairs: Sequence[PairMatches],
     mask_errors: Mapping[str, float] | None,
     contradicting: Collection[str] = (),
+    outlines: Outlines | None = None,
 ) -> RigVerdict:
-    """Judge a rig of pinhole cameras by matches of their images (`match_images`).
+    """Judge a rig of pinhole cameras by matches of their images (`match_images`), and by the outlines of their masks.
 
     `mask_errors`: disagreement of each mask with the others' volume; empty if the masks have no common volume, None if
     there are too few cameras or no masks. `contradicting`: cameras whose masks contradict the others.
     """
-    evidence = _Evidence(cameras, pairs)
+    evidence = _Evidence(cameras, pairs, outlines)
     figures = {
         name: CameraVerdict(
             matches=evidence.total(name),
@@ -64,14 +68,32 @@ def judge(
             doubtful=(*verdict.doubtful, *others),
             blamed=verdict.blamed or "masks",
         )
-    overall = evidence.share(cameras)
-    return verdict.model_copy(update={"cameras": figures, "fits": None if overall is None else round(overall, 3)})
+    overall, support = evidence.share(cameras), evidence.support(cameras)
+    touching = None if support.tangents < _FEW_TANGENTS else round(support.touching, 3)
+    fits = None if overall is None else round(overall, 3)
+    return verdict.model_copy(update={"cameras": figures, "fits": fits, "touching": touching})
+
+
+@dataclass(frozen=True)
+class _Support:
+    """How well a rig fits: fraction of the matches, None if they are too few; number of the tangents of masks, and
+    fraction of them that two cameras have at the same place."""
+
+    matches: float | None
+    tangents: int
+    touching: float
+
+    @property
+    def words(self) -> str:
+        parts = [] if self.matches is None else [f"{self.matches:.0%} of the matches"]
+        parts += [f"{self.touching:.0%} of the masks' tangents"] if self.tangents >= _FEW_TANGENTS else []
+        return " and ".join(parts)
 
 
 class _Evidence:
-    """Matches of the cameras' images, and which cameras they can judge."""
+    """Matches of the cameras' images, and which cameras they can judge; and outlines of their masks."""
 
-    def __init__(self, cameras: Cameras, pairs: Sequence[PairMatches]) -> None:
+    def __init__(self, cameras: Cameras, pairs: Sequence[PairMatches], outlines: Outlines | None) -> None:
         self.cameras, self._pairs = cameras, [pair for pair in pairs if {pair.first, pair.second} <= cameras.keys()]
         repeating = repetition(self._pairs) >= _REPEATING
         if repeating:
@@ -79,9 +101,33 @@ class _Evidence:
         self.lack = "repeat a pattern" if repeating else "have too few features in common"
         judged = [name for name in cameras if self.total(name) >= LEAST_MATCHES]
         self.known = len(cameras) > 1 and len(judged) > len(cameras) * (1 - _MOST)
+        self.telling = self.known and float(np.median([self.total(name) for name in cameras])) >= _TELLING
+        self._outlines = outlines.moved() if outlines is not None else None
 
     def total(self, name: str) -> int:
         return sum(len(pair.first_pixels) for pair in self._pairs if name in (pair.first, pair.second))
+
+    def support(self, cameras: Cameras) -> _Support:
+        """The evidence for a rig."""
+        touched = self._outlines.fitting(cameras).values() if self._outlines is not None else ()
+        tangents = sum(count for _, count in touched)
+        touching = sum(same for same, _ in touched) / max(tangents, 1)
+        return _Support(self.share(cameras) if self.known else None, tangents, touching)
+
+    def score(self, cameras: Cameras) -> float:
+        """A number to compare rigs by, up to 2."""
+        support = self.support(cameras)
+        return (support.matches or 0.0) + support.touching * (support.tangents >= _FEW_TANGENTS)
+
+    def explains(self, given: _Support, there: _Support) -> bool:
+        """Whether a mistake explains what does not fit: undone, what is known of matches and masks fits much better."""
+        masks_fit = there.tangents >= _FEW_TANGENTS and there.touching >= _TOUCHING
+        gain = there.touching * there.tangents >= 1.5 * given.touching * given.tangents
+        if there.matches is None or given.matches is None:
+            return masks_fit and gain
+        if self.telling:
+            return there.matches >= FITS and there.matches > given.matches and (masks_fit or not self._outlines)
+        return masks_fit and gain and there.matches > given.matches
 
     def share(self, cameras: Cameras, of: Collection[str] = (), without: Collection[str] = ()) -> float | None:
         """Fraction of the matches that fit, of pairs with one of the cameras `of` or all; None without matches."""
@@ -139,32 +185,40 @@ def _share(counts: Mapping[tuple[str, str], tuple[int, int]]) -> float | None:
 
 
 def _images(evidence: _Evidence) -> RigVerdict:
-    """The verdict of the matches."""
+    """The verdict of the matches, and of the outlines of masks."""
+    given = evidence.support(evidence.cameras)
+    masks_fit = given.tangents >= _FEW_TANGENTS and given.touching >= _TOUCHING
     if not evidence.known:
+        if masks_fit and given.tangents >= _ENOUGH_TANGENTS:
+            return RigVerdict(grade="good", reason=f"{given.words} fit the cameras.")
+        cause = None if masks_fit else _cause(evidence, given)
+        if cause is not None:
+            return _wrong(given, cause)
+        reason = f"The images {evidence.lack}, so they cannot check the cameras."
+        apart = given.tangents >= _ENOUGH_TANGENTS and given.touching < _APART
+        if apart:
+            reason += f" Only {given.words} fit: the cameras or the masks are wrong."
         return RigVerdict(
             grade="usable",
-            reason=f"The images {evidence.lack}, so they cannot check the cameras.",
+            reason=reason,
             fix="Look at the footage over the mesh, or calibrate from footage with a textured background.",
+            blamed="cameras or masks" if apart else "",
         )
-    given, exchanged = evidence.cameras, evidence.exchange()
+    exchanged_cameras, exchanged = evidence.cameras, evidence.exchange()
     alone = evidence.doubtful()
     doubtful = [*(name for pair in exchanged for name in pair), *alone]
     share = evidence.share(evidence.cameras, without=alone)
     if len(doubtful) > _MOST * len(evidence.cameras) or share is None or share < FITS:
-        evidence.cameras = given  # by chance, some cameras of another rig fit better when exchanged
-        overall = evidence.share(given) or 0.0
-        cause, fix = next(
-            (explanation for explanation in _causes(evidence) if explanation),
-            ("", "Calibrate from more frames, with a board or marked points, or check the camera file."),
-        )
-        return RigVerdict(
-            grade="wrong",
-            reason=f"This rig is wrong: only {overall:.0%} of the matches between the images fit its cameras; a "
-            f"correct rig fits {FITS:.0%} or more.{cause}",
-            fix=fix,
-            doubtful=tuple(evidence.doubtful()),
-            blamed="cameras",
-        )
+        evidence.cameras = exchanged_cameras  # by chance, some cameras of another rig fit better when exchanged
+        cause = None if masks_fit else _cause(evidence, given)
+        if cause is None and (masks_fit or not evidence.telling):
+            return RigVerdict(
+                grade="usable",
+                reason=f"Not enough to judge the cameras: {given.words} fit them, but the matches are few, or of "
+                "images that are too different.",
+                fix="Look at the footage over the mesh.",
+            )
+        return _wrong(given, cause).model_copy(update={"doubtful": tuple(evidence.doubtful())})
     if doubtful:
         cause, fix = _cause_of_some(evidence, alone, exchanged)
         return RigVerdict(
@@ -188,6 +242,20 @@ def _images(evidence: _Evidence) -> RigVerdict:
     return RigVerdict(grade="good", reason=f"{share:.0%} of the matches between the images fit the cameras.")
 
 
+def _wrong(given: _Support, cause: Mistake | None) -> RigVerdict:
+    """A rig that does not fit, and the mistake that explains it, if one does."""
+    return RigVerdict(
+        grade="wrong",
+        reason=f"This rig is wrong: only {given.words or 'nothing'} fit its cameras"
+        f"; a correct rig fits {FITS:.0%} of the matches or more." + ("" if cause is None else f" {cause.words}"),
+        fix="Calibrate from more frames, with a board or marked points, or check the camera file."
+        if cause is None
+        else cause.fix,
+        blamed="cameras",
+        cause="" if cause is None else cause.kind,
+    )
+
+
 def _masks(evidence: _Evidence, some: bool, contradicting: Collection[str]) -> RigVerdict:
     """The masks contradict each other, and the images do not say that the cameras are wrong."""
     what = "the masks have no common volume"
@@ -208,37 +276,23 @@ def _masks(evidence: _Evidence, some: bool, contradicting: Collection[str]) -> R
     )
 
 
-_CONVERT = "Convert the poses in the camera file."
-_POSES: tuple[tuple[str, str, Callable[[np.ndarray], np.ndarray]], ...] = (
-    ("Taken as camera-to-world, the poses fit", _CONVERT, np.linalg.inv),
-    (
-        # epipolar lines cannot tell these two apart
-        "With the axes of OpenGL (y up, z backward), or with mirrored images, the poses fit",
-        "Convert the poses in the camera file, or mirror the images back.",
-        lambda pose: OPENGL_AXES @ pose,
-    ),
-    (
-        "Taken as camera-to-world with the axes of OpenGL, the poses fit",
-        _CONVERT,
-        lambda pose: OPENGL_AXES @ np.linalg.inv(pose),
-    ),
-)
-
-
-def _causes(evidence: _Evidence) -> Iterator[tuple[str, str] | None]:
-    """Try ways in which the whole rig may be wrong: for each, a sentence and the fix; None if the matches do not
-    fit."""
+def _cause(evidence: _Evidence, given: _Support) -> Mistake | None:
+    """The mistake in the whole rig that explains the evidence best, with figures in its words; None if none does."""
     cameras = evidence.cameras
-    for words, fix, change in _POSES:
-        changed = {name: replace(c, world_to_camera=change(c.world_to_camera)) for name, c in cameras.items()}
-        share = evidence.share(changed) or 0.0
-        yield (f" {words} ({share:.0%}).", fix) if share >= FITS else None
-    best, share = _best_scale(evidence, cameras)
-    if share >= FITS:
-        yield (
-            f" With focal lengths {best:.2f} times as long, they fit ({share:.0%}).",
-            "Check the focal lengths and the images' size.",
-        )
+    tried = [(mistake, mistake.undo(cameras)) for mistake in mistakes(list(cameras))]
+    for whole, what in ((False, "focal lengths"), (True, "focal lengths and principal points")):
+        factor, _ = _best_factor(lambda by, whole=whole: evidence.score(scaled(cameras, by, whole=whole)))
+        words = f"With {what} {factor:.2f} times as long"
+        kind, fix = "pixels" if whole else "focal", "Check the focal lengths and the images' size."
+        tried.append((Mistake(kind, words, fix, dict), scaled(cameras, factor, whole=whole)))
+    best, highest = None, 0.0
+    for mistake, changed in tried:
+        score = evidence.score(changed)
+        if score > highest + 0.02:  # of two that nearly tie, the one that is tried first is the more common
+            there = evidence.support(changed)
+            if evidence.explains(given, there):
+                best, highest = replace(mistake, words=f"{mistake.words}, {there.words} fit."), score
+    return best
 
 
 def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequence[tuple[str, str]]) -> tuple[str, str]:
@@ -262,7 +316,9 @@ def _best_scale(
     evidence: _Evidence, names: Collection[str], of: Collection[str] = (), without: Collection[str] = ()
 ) -> tuple[float, float]:
     """The factor of the focal lengths of some cameras with which most matches fit, and their fraction."""
-    return _best_factor(lambda scale: evidence.share(_scaled(evidence.cameras, names, scale), of, without) or 0.0)
+    return _best_factor(
+        lambda scale: evidence.share(scaled(evidence.cameras, scale, whole=False, names=names), of, without) or 0.0
+    )
 
 
 def _best_factor(score: Callable[[float], float]) -> tuple[float, float]:
@@ -276,11 +332,5 @@ def _best_factor(score: Callable[[float], float]) -> tuple[float, float]:
 def _wrong_scale(evidence: _Evidence) -> float | None:
     """The factor by which all focal lengths are wrong, though most matches fit: cameras that nearly face one point
     tolerate 10%. None if they are not."""
-    best, score = _best_factor(lambda scale: -evidence.median(_scaled(evidence.cameras, evidence.cameras, scale)))
+    best, score = _best_factor(lambda scale: -evidence.median(scaled(evidence.cameras, scale, whole=False)))
     return best if abs(np.log(best)) > _SCALE_OFF and -score < evidence.median(evidence.cameras) / 2 else None
-
-
-def _scaled(cameras: Cameras, names: Collection[str], scale: float) -> Cameras:
-    """Cameras of which some have other focal lengths."""
-    focal = np.array([[scale, scale, 1], [1, scale, 1], [1, 1, 1]])  # with the skew
-    return {name: replace(c, K=c.K * focal) if name in names else c for name, c in cameras.items()}

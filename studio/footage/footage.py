@@ -83,6 +83,11 @@ class Footage:
         return max(rates) if rates and max(rates) <= 1.005 * min(rates) else None
 
     @property
+    def is_calibrated(self) -> bool:
+        """Whether the footage was opened with cameras, so that it has a `rig`."""
+        return self._rig is not None
+
+    @property
     def rig(self) -> Rig:
         """Pinhole cameras of the images returned by `image` (undistorted, scaled), in the order of `camera_names`.
         StudioError (`footage.not_calibrated`) if the footage was opened without a rig."""

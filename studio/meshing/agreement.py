@@ -76,6 +76,14 @@ def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.
     return best if errors[best].missing < now.missing / 3 and errors[best].error < now.error else None
 
 
+def common_points(shapes: list[Silhouette], min_views: int) -> np.ndarray | None:
+    """(N, 3) points in the volume on which the cameras agree, some 40 along its longest side; None: there is none."""
+    common = _common_volume(shapes, min_views, (_COARSE, _COARSE))
+    if common is None:
+        return None
+    return common.points[_agreed(common.accepting, common.views, min_views)].numpy()
+
+
 @dataclass(frozen=True)
 class _Common:
     """Points (N, 3), `voxel` apart, in and around the volume on which the cameras agree; see `votes`."""
@@ -93,12 +101,14 @@ class _Common:
         return self.points[_agreed(accepting, self.views - self.seen[index].int(), least)]
 
 
-def _common_volume(shapes: list[Silhouette], least: int) -> _Common | None:
+def _common_volume(
+    shapes: list[Silhouette], least: int, sides: tuple[int, ...] = (_COARSE, _COARSE, _FINE)
+) -> _Common | None:
     """Coarse to fine; None: there is none."""
     rig = Rig(tuple(shape.camera for shape in shapes))
     middle = rig.focus
     half = 0.6 * float(np.linalg.norm(rig.centers - middle, axis=1).mean())
-    for count in (_COARSE, _COARSE, _FINE):
+    for count in sides:
         voxel = 2 * half / (count - 1)
         axis = torch.linspace(-half, half, count)
         points = torch.cartesian_prod(axis, axis, axis) + torch.from_numpy(middle.astype(np.float32))
