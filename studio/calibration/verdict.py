@@ -204,12 +204,12 @@ def _images(evidence: _Evidence) -> RigVerdict:
             fix="Look at the footage over the mesh, or calibrate from footage with a textured background.",
             blamed="cameras or masks" if apart else "",
         )
-    exchanged_cameras, exchanged = evidence.cameras, evidence.exchange()
+    as_given, exchanged = evidence.cameras, evidence.exchange()
     alone = evidence.doubtful()
     doubtful = [*(name for pair in exchanged for name in pair), *alone]
     share = evidence.share(evidence.cameras, without=alone)
     if len(doubtful) > _MOST * len(evidence.cameras) or share is None or share < FITS:
-        evidence.cameras = exchanged_cameras  # by chance, some cameras of another rig fit better when exchanged
+        evidence.cameras = as_given  # by chance, some cameras of another rig fit better when exchanged
         cause = None if masks_fit else _cause(evidence, given)
         if cause is None and (masks_fit or not evidence.telling):
             return RigVerdict(
@@ -224,7 +224,7 @@ def _images(evidence: _Evidence) -> RigVerdict:
         return RigVerdict(
             grade="usable",
             reason=f"{cameras_listed(doubtful, 'Camera')} {'disagrees' if len(doubtful) == 1 else 'disagree'} "
-            f"with the others: {evidence.share(given, doubtful, doubtful) or 0.0:.0%} of the matches fit."
+            f"with the others: {evidence.share(as_given, doubtful, doubtful) or 0.0:.0%} of the matches fit."
             f"{cause}",
             fix=fix,
             doubtful=tuple(doubtful),

@@ -89,4 +89,4 @@ def _thumbnail(measured: Measured, name: str, hull: np.ndarray | None) -> np.nda
 
 def _outline(image: np.ndarray, mask: np.ndarray, color: tuple[int, int, int]) -> None:
     contours, _ = cv2.findContours((mask > 127).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(image, contours, -1, color, 1, cv2.LINE_AA)
+    cv2.drawContours(image, contours, -1, color, 1)

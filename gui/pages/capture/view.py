@@ -22,8 +22,10 @@ from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garb
 from v3studio.gui.pages.capture.mask_verdicts import MaskVerdict, judged, why_not_judged
 from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
+from v3studio.pipelines.inspection import with_camera_file
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
+from v3studio.studio.card import measure
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Cancelled, Message, StudioError
 from v3studio.studio.footage import Footage, check_footage, open_footage
@@ -336,6 +338,10 @@ class FootageCheck:
             self._workspace.masks_judged = done.request.config.capture
             self._workspace.changed.emit()
 
+    def _go_on(self, *_: object, **figures: object) -> None:
+        if self._worker.closed:
+            raise Cancelled
+
     def _run(self, context: Inputs) -> bool:
         """Returns whether the masks were compared."""
 
@@ -355,7 +361,14 @@ class FootageCheck:
             verdicts += [verdict for verdict in judged(footage, frame) if verdict.wrong]
         for at in sorted(verdicts, key=lambda verdict: -verdict.lacks - verdict.more):
             found.append(Problem(f"{at.camera}, frame {at.frame}: {at.words}", at.camera, at.frame))
+        grades = ""
+        if not found:
+            self.words = "measuring time, cameras, masks and color"
+            card = measure(footage if rig.is_file() else with_camera_file(footage), self._go_on).card
+            found = [Problem(check.line) for check in card.checks if check.grade in ("wrong", "doubtful")]
+            grades = "; ".join(f"{check.name}: {check.grade}" for check in card.checks)
         self.problems = found
         words = f"{counted(len(found), 'problem')} found" if found else "all images checked, no problems found"
+        words += f" ({grades})" if grades else ""
         self.words = f"{words}. {why}" if why else words
         return not why
