@@ -20,6 +20,7 @@ _BORDER = 2  # pixels: what touches the image's border goes on outside
 _ALONG = (
     0.94  # cosine between the line through two cameras and the view from one of them, beyond which planes tell little
 )
+_CLOSE = 0.02  # of the distance from what they look at: cameras that are nearer to each other tell nothing
 _WIDEST = 2.8  # radians: what spans more surrounds the line through both cameras
 _EVERY_PAIR = 12  # cameras of which all pairs are compared; of more, each with those some places further
 _PLACES = (1, 2, 3, 5, 8)
@@ -76,7 +77,10 @@ class Outlines:
             first, second = (cameras[name] for name in pair)
             along, views = second.center - first.center, [focus - first.center, focus - second.center]
             away = [float(np.linalg.norm(view)) for view in views]
-            along /= max(float(np.linalg.norm(along)), 1e-12)
+            apart = float(np.linalg.norm(along))
+            if apart < _CLOSE * max(away):
+                continue
+            along /= apart
             if min(away) < 1e-9 or any(abs(view @ along) > _ALONG * d for view, d in zip(views, away, strict=True)):
                 continue
             toward = views[0] - along * (views[0] @ along)
