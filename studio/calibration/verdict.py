@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -220,12 +221,12 @@ def _images(evidence: _Evidence) -> RigVerdict:
             )
         return _wrong(given, cause).model_copy(update={"doubtful": tuple(evidence.doubtful())})
     if doubtful:
-        cause, fix = _cause_of_some(evidence, alone, exchanged)
+        why, fix = _cause_of_some(evidence, alone, exchanged)
         return RigVerdict(
             grade="usable",
             reason=f"{cameras_listed(doubtful, 'Camera')} {'disagrees' if len(doubtful) == 1 else 'disagree'} "
             f"with the others: {evidence.share(as_given, doubtful, doubtful) or 0.0:.0%} of the matches fit."
-            f"{cause}",
+            f"{why}",
             fix=fix,
             doubtful=tuple(doubtful),
             blamed="cameras",
@@ -281,7 +282,7 @@ def _cause(evidence: _Evidence, given: _Support) -> Mistake | None:
     cameras = evidence.cameras
     tried = [(mistake, mistake.undo(cameras)) for mistake in mistakes(list(cameras))]
     for whole, what in ((False, "focal lengths"), (True, "focal lengths and principal points")):
-        factor, _ = _best_factor(lambda by, whole=whole: evidence.score(scaled(cameras, by, whole=whole)))
+        factor, _ = _best_factor(partial(_score_scaled, evidence, whole))
         words = f"With {what} {factor:.2f} times as long"
         kind, fix = "pixels" if whole else "focal", "Check the focal lengths and the images' size."
         tried.append((Mistake(kind, words, fix, dict), scaled(cameras, factor, whole=whole)))
@@ -293,6 +294,10 @@ def _cause(evidence: _Evidence, given: _Support) -> Mistake | None:
             if evidence.explains(given, there):
                 best, highest = replace(mistake, words=f"{mistake.words}, {there.words} fit."), score
     return best
+
+
+def _score_scaled(evidence: _Evidence, whole: bool, factor: float) -> float:
+    return evidence.score(scaled(evidence.cameras, factor, whole=whole))
 
 
 def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequence[tuple[str, str]]) -> tuple[str, str]:

@@ -23,6 +23,8 @@ def _luma(red: float, blue: float) -> np.ndarray:
 
 
 _601, _709 = _luma(0.299, 0.114), _luma(0.2126, 0.0722)
+_DECODE_601: np.ndarray = np.linalg.inv(_601) @ _709
+_DECODE_709: np.ndarray = np.linalg.inv(_709) @ _601
 DIFFERENCES: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
     "matrix": ("is read with the matrix of BT.709, but was coded with that of BT.601", lambda x: x @ _DECODE_601.T),
     "matrix 601": ("is read with the matrix of BT.601, but was coded with that of BT.709", lambda x: x @ _DECODE_709.T),
@@ -35,7 +37,6 @@ DIFFERENCES: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
     "transfer dark": ("has a brighter transfer curve than the others (a gamma twice)", lambda x: _power(x, 2.2)),
 }
 """Differences by kind: words, and what takes colors (N, 3), 0 to 255, to what the others have."""
-_DECODE_601, _DECODE_709 = np.linalg.inv(_601) @ _709, np.linalg.inv(_709) @ _601
 
 
 def _power(colors: np.ndarray, exponent: float) -> np.ndarray:
@@ -61,8 +62,9 @@ def color_differences(images: Mapping[str, np.ndarray], pairs: Sequence[PairMatc
     other: dict[str, list[np.ndarray]] = {name: [] for name in images}
     for pair in pairs:
         colors = [_at(smooth[pair.first], pair.first_pixels), _at(smooth[pair.second], pair.second_pixels)]
-        own[pair.first].append(colors[0]), other[pair.first].append(colors[1])
-        own[pair.second].append(colors[1]), other[pair.second].append(colors[0])
+        for name, (mine, theirs) in ((pair.first, colors), (pair.second, colors[::-1])):
+            own[name].append(mine)
+            other[name].append(theirs)
     return {name: _difference(np.concatenate(own[name]), np.concatenate(other[name])) for name in images if own[name]}
 
 
