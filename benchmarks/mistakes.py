@@ -55,7 +55,7 @@ class Kept:
     def measured(self, matches: dict[bytes, list[PairMatches]]) -> Measured:
         """The card; `matches` are kept by images, since most mistakes leave these as they are."""
         sample = read_sample(self, no_progress)  # type: ignore[arg-type]  # has what is read
-        key = b"".join(hashlib.sha256(image).digest() for image in sample.images.values())
+        key = b"".join(hashlib.sha256(image.tobytes()).digest() for image in sample.images.values())
         if key not in matches:
             matches[key] = match_images(sample.images)
         return measure_sample(sample, {camera.name: camera for camera in self.rig}, matches[key])
