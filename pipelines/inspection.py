@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from v3studio.pipelines.stages.camera_file import camera_file, camera_file_text
-from v3studio.studio.camera_files import read_rig
+from v3studio.pipelines.stages.camera_file import camera_file, camera_file_text, rig_of_capture
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.capture.detect import MASK_FOLDERS, PLATE_FOLDERS, all_beside
 from v3studio.studio.capture.patterns import walk
@@ -93,7 +92,7 @@ def with_camera_file(footage: Footage) -> Footage:
     """The footage, opened again with the cameras of its camera file, if it has one that fits it."""
     try:
         path = camera_file(footage.spec)
-        rig = None if path is None else read_rig(path)
+        rig = None if path is None else rig_of_capture(path, footage)
         return open_footage(footage.spec, rig, strict=False, without_masks=footage.without_masks if rig else ())
     except StudioError:  # `found_lines` says why
         return open_footage(footage.spec, None, strict=False)
