@@ -116,9 +116,10 @@ def _settings_of(params: dict[str, JsonValue]) -> dict[str, JsonValue]:
     """The settings among parameters of stages, by dotted name, also those that this version does not have."""
     results = affected(Config)
     settings = {name: value for name, value in params.items() if name.partition(".")[0] in Config.model_fields}
-    known = {results.get(name) for name in settings}
+    known = [set(results[name]) for name in settings if results.get(name)]
     for name, default in values_of(Config()).items():
-        if isinstance(default, dict) and results[name] in known:  # a record has its items, if there are any
+        # a setting was recorded for one of its results, and with it the items, if any, of those that affect all of them
+        if isinstance(default, dict) and any(set(results[name]).issuperset(other) for other in known):
             items = [key for key in settings if key.startswith(f"{name}.")]
             settings[name] = {key[len(name) + 1 :]: settings.pop(key) for key in items}
     return settings

@@ -48,7 +48,10 @@ def evaluation() -> dict[str, Any]:
     }  # fmt: skip
     lowest = {"psnr_trained_lowest_frame": 31.0, "psnr_decoded_lowest_frame": 30.0}
     summary = {**quality(31.75), "bytes_per_frame": 1000.0, **lowest}
-    return {"summary": summary, "protocol": protocol, "cameras": {"cam4": quality(31.75)}, "frames": rows}
+    masks = {"evidence": "masks", "cameras": ["cam4"], "least_share": 0.04, "contradictions": []}
+    return {
+        "summary": summary, "protocol": protocol, "cameras": {"cam4": quality(31.75)}, "frames": rows, "masks": masks,
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +94,7 @@ def mark(frame: int, note: str | None, replaces: dict[str, str] | None = None, a
 def test_figures_are_those_of_the_evaluation_and_cameras_those_of_the_rig(port: int, take: Take) -> None:
     data = json.loads(ask(port, f"{BASE}/data.json")[2])
     psnr, ssim = data["quality"]["metrics"]
-    assert (psnr["title"], psnr["unit"], ssim["title"]) == ("PSNR", "dB", "SSIM")
+    assert (psnr["title"], psnr["unit"], ssim["title"]) == ("masked PSNR", "dB", "SSIM")
     assert psnr["trained"] == [31, 32, 33, None, 35]
     assert psnr["decoded"] == psnr["by_camera"]["cam4"] == [30, 31, 32, None, 34]
     assert data["quality"]["bytes"] == [900, 901, 902, None, 904]
