@@ -18,16 +18,13 @@ from v3studio.gui.models.take.run_state import percent
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.reports.terminal import duration
 from v3studio.pipelines.takes.results.summaries import summary_words
-from v3studio.studio.comparison.metrics import EVALUATED, FLICKER, MAIN, OUTLINE
+from v3studio.studio.comparison.metrics import EVALUATED, FLICKER, MAIN
 from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError
 
 Row = tuple[str, str]
 
-OVER = (
-    "PSNR: the box around the performer, with the background in it. Interior: the performer without their outline; "
-    f"outline: {OUTLINE:g} pixels to both sides of it."
-)
+OVER = "Trained / decoded. Masked: over black, in the performer's box."
 
 
 @dataclass(frozen=True)
@@ -59,10 +56,9 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     figures, whose = evaluation.figures(frame, camera)
     rows = []
     for metric in EVALUATED:
-        for what in (What.TRAINED, What.DECODED):
-            value = figures.get(f"{metric.name}_{what}")
-            if value is not None:
-                rows.append((f"{metric.title} {what}", metric.text(value)))
+        trained, decoded = (figures.get(f"{metric.name}_{what}") for what in (What.TRAINED, What.DECODED))
+        if trained is not None or decoded is not None:
+            rows.append((metric.title, f"{metric.text(trained, unit=False)} / {metric.text(decoded)}"))
     row = evaluation.frames.get(frame)
     if row is not None:
         rows.append(("size", f"{row.bytes / 1000:.1f} KB"))

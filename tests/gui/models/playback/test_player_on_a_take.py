@@ -120,9 +120,8 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished:
     settle(player)
     shown = {block.title: dict(block.rows) for block in review_blocks(player, evaluation, Marks(None))}
     quality = shown["Quality, mean of held-out cameras"]
-    assert quality["masked PSNR trained"] == f"{row['psnr_trained']:.2f} dB"
-    assert quality["masked PSNR decoded"] == f"{row['psnr_decoded']:.2f} dB"
-    assert quality["SSIM decoded"] == f"{row['ssim_decoded']:.4f}"
+    assert quality["masked PSNR"] == f"{row['psnr_trained']:.2f} / {row['psnr_decoded']:.2f} dB"
+    assert quality["SSIM"] == f"{row['ssim_trained']:.4f} / {row['ssim_decoded']:.4f}"
     assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
     assert shown["Frame"]["splats"] == f"{row['splats']:,}"
     assert evaluation.series("psnr_decoded", 7) == [*(frame["psnr_decoded"] for frame in written["frames"]), None, None]
