@@ -297,7 +297,7 @@ class Camera:
             "K": self.K.tolist(),
             "world_to_camera": self.world_to_camera.tolist(),
             "distortion": self.distortion.tolist(),
-            "fisheye": self.fisheye,
+            **({"fisheye": True} if self.fisheye else {}),
         }
 
     @classmethod

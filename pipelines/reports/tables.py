@@ -26,8 +26,12 @@ def print_evaluation(take: Take) -> None:
     summary, protocol = evaluation.summary, evaluation.protocol
     screen = console()
     metrics = [metric for metric in evaluation.metrics if metric.narrow]
-    titles = [title for metric in metrics for title in (f"{metric.title} trained", "decoded")]
-    table = table_of("frame", "group", "splats", *titles, "KB")
+    table = table_of("frame", "group", "splats", *(metric.title for metric in metrics), "KB")
+
+    def cells(row: Quality) -> list[str]:
+        texts = metric_texts(row, metrics)
+        return ["/".join(pair) for pair in zip(texts[::2], texts[1::2], strict=True)]
+
     rows, left_out = evaluation.frames, ""
     if len(rows) > MOST_FRAMES:
         lowest = sorted(rows, key=lambda row: row.psnr_decoded)[:LOWEST_FRAMES]
@@ -36,13 +40,13 @@ def print_evaluation(take: Take) -> None:
     for row in rows:
         mark = "*" if row.starts_group else ""
         numbers = f"{row.frame}{mark}", str(row.group), str(row.splats)
-        table.add_row(*numbers, *metric_texts(row, metrics), f"{row.bytes / 1000:.1f}")
+        table.add_row(*numbers, *cells(row), f"{row.bytes / 1000:.1f}")
     table.add_section()
-    table.add_row("mean", "", "", *metric_texts(summary, metrics), f"{summary.bytes_per_frame / 1000:.1f}")
+    table.add_row("mean", "", "", *cells(summary), f"{summary.bytes_per_frame / 1000:.1f}")
     screen.print(table)
     which = "held-out cameras" if protocol.held_out else f"{protocol.note} TRAINING cameras"
     screen.print(
-        f"{left_out}{which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
+        f"{left_out}Trained/decoded; {which} {', '.join(protocol.cameras)};  {protocol.crop}; background "
         f"{protocol.background}. * first frame of a group.\n"
         "KB of a frame: its group's files, divided by the group's frames. "
         f"KB of the mean: all {protocol.total_bytes:,} bytes, with manifest and sound, divided by all frames."
