@@ -98,7 +98,7 @@ def of_one(masks: Images) -> Images:
 
 
 def mistakes(rig: dict[str, Camera], images: Images, masks: Images) -> Iterator[tuple[str, str, Kept]]:
-    """What was done, the cause that must be named ("" for none), and the footage."""
+    """Yield what was done, the cause that must be named ("" for none), and the footage."""
     names = list(rig)
     one = names[len(names) // 3]
     yield "none", "", Kept(rig, images, masks)

@@ -84,7 +84,7 @@ class Panels:
 
 
 class Layout:
-    """Which panels are on screen, and where they are."""
+    """The panels that are on screen, and their places."""
 
     def __init__(self, window: gui.Window, em: float, panels: Panels, dialogs: Dialogs, views: StageViews) -> None:
         self._window, self._em, self._panels, self._dialogs, self._views = window, em, panels, dialogs, views

@@ -81,7 +81,7 @@ class Actions:
             self.notices.show(f"{opening} is being opened." if opening else "Open a take or a stream first.")
 
     def why_not(self, item: "Item[Actions]") -> str:
-        """Why an item of the menus is not possible now; "" if it is."""
+        """Return why an item of the menus is not possible now; "" if it is."""
         opened = self.player.opened
         if item.needs != NOTHING and opened is None:
             opening = self.workspace.opening

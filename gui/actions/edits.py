@@ -131,7 +131,7 @@ class EditActions:
         ask_numbers(self._dialogs, "Scale", text, [("distance", "Distance", f"{now:.4g}")], save)
 
     def _shown_here(self, refused: str) -> str:
-        """Why a change is refused, which the open dialog shows instead of a notice."""
+        """Return why a change is refused, which the open dialog shows instead of a notice."""
         self._notices.clear("edits")
         return refused
 

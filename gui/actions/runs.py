@@ -63,7 +63,8 @@ class RunActions:
         return True
 
     def _left_behind(self) -> tuple[str, list[str], list[Question]]:
-        """What goes on or is lost without the window: a title, sentences and answers; no sentences if nothing is."""
+        """Return what goes on or is lost without the window: a title, sentences and answers; no sentences if nothing
+        is."""
         workspace, exports, lines = self._workspace, self._exports, list[str]()
         answers: list[Question] = [("leave", "Close", lambda: None)]
         title = "An export is in progress"

@@ -170,12 +170,12 @@ class ShareActions:
         label.text_color = color(FAIR if words else DIM)
 
     def _words(self, size: ShareSize, form: str) -> str:
-        """What is shared, and how large it is."""
+        """Return what is shared, and how large it is."""
         words, other = share_words(size, form), self._player.shown_other
         return words if other is None else f"{words}\nThis is the open take's stream, not {other.label} on the screen."
 
     def _size(self) -> ShareSize | None:
-        """How large the share will be; None, and a message, if there is nothing to share."""
+        """Return how large the share will be; None, and a message, if there is nothing to share."""
         opened = self._player.opened
         if opened is None or not isinstance(opened.path, Path):
             self._notices.show("Open a take or a stream of this machine first.")

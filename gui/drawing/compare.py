@@ -13,7 +13,7 @@ from v3studio.gui.drawing.palette import ACCENT, GROUND, RGB, TEXT
 
 
 class Mode(StrEnum):
-    """How Review shows what is chosen."""
+    """The way in which Review shows what is chosen."""
 
     SINGLE = "single"
     SIDE_BY_SIDE = "side by side"

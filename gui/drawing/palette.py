@@ -39,7 +39,7 @@ SERIES: tuple[RGB, ...] = (  # of curves in one plot, in order; they repeat
 
 
 class State(StrEnum):
-    """How far a stage, a take of the queue, or a recent take is."""
+    """Progress of a stage, a take of the queue, or a recent take."""
 
     DONE = "done"
     PARTIAL = "partial"

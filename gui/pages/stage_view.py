@@ -44,7 +44,7 @@ class StageView:
 
     @property
     def doing(self) -> str:
-        """What is being done while an image is awaited."""
+        """Return what is being done while an image is awaited."""
         return "rendering"
 
     @property

@@ -30,7 +30,7 @@ class Opener:
             raise StudioError("gui.not_opened", f"cannot be opened: {error}", file=path) from None
 
     def failure(self) -> str:
-        """Why something could not be opened, as soon as that is known, once; "" if there is nothing to tell."""
+        """Return why something could not be opened, as soon as that is known, once; "" if there is nothing to tell."""
         for path, process in list(self._begun.items()):
             status = process.poll()
             if status is not None:

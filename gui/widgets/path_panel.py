@@ -58,7 +58,7 @@ class PathList:
         return self.thumbnail_size[1] + 0.6 * self.em
 
     def most_down(self, count: int) -> float:
-        """How far the rows can be scrolled, pixels."""
+        """Return how far the rows can be scrolled, pixels."""
         return max(count * self.row_height - (self.height - self._top), 0.0)
 
     def _buttons(self) -> list[tuple[float, float, float]]:

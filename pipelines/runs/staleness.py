@@ -46,8 +46,8 @@ DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "m
 
 @dataclass(frozen=True)
 class Reason:
-    """Why results are not up to date, for example "changed from 22 to 30": the setting with this dotted name, or the
-    result of this stage; without either, the words say what."""
+    """A reason why results are not up to date, for example "changed from 22 to 30": the setting with this dotted name,
+    or the result of this stage; without either, the words say what."""
 
     words: str
     setting: str = ""

@@ -116,7 +116,7 @@ def cast_page(built: str, script: str, title: str, credits: str, poster: str | N
 
 
 def _first_seen(title: str | None, poster: str | None, seconds: float | None = None) -> str:
-    """What is seen before the script has arrived."""
+    """Return what is seen before the script has arrived."""
     whole = max(1, round(seconds or 0))
     duration = "" if seconds is None else f" <small>{whole // 60}:{whole % 60:02d}</small>"
     caption = f"<h1>{escape(title or '')}{duration}</h1>" if title or duration else ""

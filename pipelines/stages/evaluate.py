@@ -148,11 +148,11 @@ class EvaluatePlan:
 
     @cached_property
     def evidence(self) -> Literal["set", "masks"]:
-        """What masks are compared with."""
+        """Return what masks are compared with."""
         return "masks" if self.inputs.sets.plate(self.cameras[0]) is None else "set"
 
     def contradictions(self, group: Group, tick: Callable[[float], None]) -> tuple[Contradiction, ...]:
-        """Where the masks of a group contradict the footage; `tick` is told how much of it is done, 0 to 1."""
+        """Return where the masks of a group contradict the footage; `tick` is told how much of it is done, 0 to 1."""
 
         around = range(group.first - 1, group.first + len(group.frames) + 1)  # also the frames before and after it
         chosen = [int(self.footage.frames[index]) for index in around if index in self.baked]
@@ -286,7 +286,7 @@ def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
 
 
 def _why_none(footage: Footage) -> str:
-    """Why no held-out camera is measured."""
+    """Return why no held-out camera is measured."""
     names = footage.held_out_cameras
     return f"held out {', '.join(names)} have no masks" if names else "no camera is held out"
 

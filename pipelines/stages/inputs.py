@@ -76,7 +76,7 @@ class Inputs:
 
     @cached_property
     def sets(self) -> EmptySets:
-        """What is behind the performer in each camera of `trained_footage`."""
+        """Return what is behind the performer in each camera of `trained_footage`."""
         from v3studio.studio.footage import EmptySets
 
         return EmptySets(self.trained_footage)

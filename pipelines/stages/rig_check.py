@@ -90,7 +90,8 @@ def check_rig(plan: InitializePlan, group: Group, reporter: StageReporter) -> No
 
 
 def remedy_of_masks(capture: CaptureSettings, source: MaskSource) -> tuple[str, list[str] | str | None, str]:
-    """What to do about masks that contradict each other: a setting, its value if that is known, and a sentence."""
+    """Return what to do about masks that contradict each other: a setting, its value if that is known, and a
+    sentence."""
     from v3studio.studio.masks.agreement.source import AgreedMaskSource
     from v3studio.studio.masks.mask_files import FileMaskSource
     from v3studio.studio.masks.plain_background import PlainMaskSource

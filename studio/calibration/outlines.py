@@ -1,4 +1,4 @@
-"""Where planes through two cameras touch the outlines of a performer: evidence on cameras, masks and time.
+"""Finds where planes through two cameras touch the outlines of a performer: evidence on cameras, masks and time.
 
 A plane that contains the centers of two cameras and touches the performer touches both of their silhouettes (frontier
 points: Cipolla, Astrom and Giblin 1995). This needs no matches, so it also judges cameras that are far apart, and it
@@ -126,7 +126,7 @@ class _Shape:
 
 
 def _step(before: np.ndarray, after: np.ndarray) -> float:
-    """How far an outline's box moved, as a fraction of the box."""
+    """Return how far an outline's box moved, as a fraction of the box."""
     if not len(before) or not len(after):
         return float(len(before) != len(after))
     boxes = [np.concatenate([hull.min(0), hull.max(0)]) for hull in (before, after)]

@@ -77,8 +77,8 @@ def judge(
 
 @dataclass(frozen=True)
 class _Support:
-    """How well a rig fits: fraction of the matches, None if they are too few; number of the tangents of masks, and
-    fraction of them that two cameras have at the same place."""
+    """Evidence of how well a rig fits: fraction of the matches, None if they are too few; number of the tangents of
+    masks, and fraction of them that two cameras have at the same place."""
 
     matches: float | None
     tangents: int
@@ -301,7 +301,7 @@ def _score_scaled(evidence: _Evidence, whole: bool, factor: float) -> float:
 
 
 def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequence[tuple[str, str]]) -> tuple[str, str]:
-    """Why single cameras may disagree: two are exchanged, or a focal length is wrong."""
+    """Return why single cameras may disagree: two are exchanged, or a focal length is wrong."""
     words, fixes = "", []
     for pair in exchanged:
         share = evidence.share(evidence.cameras, pair) or 0.0

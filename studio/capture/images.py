@@ -164,7 +164,7 @@ def _has_deep_values(image: ImageFile) -> bool:
 
 
 class _TiffKind:
-    """How a TIFF file stores numbers, from its tags by number."""
+    """The way in which a TIFF file stores numbers, from its tags by number."""
 
     def __init__(self, tags: Mapping[int, Any]) -> None:
         self.bits = max(np.atleast_1d(tags.get(258, 1)))  # per sample

@@ -80,8 +80,8 @@ _LEADING = re.compile(r"^(frame|f|t)?[_.\- ]*\d+[_.\- ]+", re.IGNORECASE)
 
 
 def camera_in(path: str) -> tuple[str, ...]:
-    """What may be the camera's name in the path of an image, likeliest first: the file's name, without a number at its
-    end or beginning, and the names of its folders, of which those that it lacks are ""."""
+    """Return what may be the camera's name in the path of an image, likeliest first: the file's name, without a number
+    at its end or beginning, and the names of its folders, of which those that it lacks are ""."""
     *folders, name = PurePosixPath(without_extension(path)).parts
     return name, _TRAILING.sub("", name), _LEADING.sub("", name), *[*folders[::-1], "", "", ""][:3]
 

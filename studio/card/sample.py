@@ -16,9 +16,9 @@ _SMALL = 320  # pixels along the longer side of the images that are compared wit
 
 @dataclass(eq=False)
 class Sample:
-    """What was read. By camera, in the order of `frames`: `small`, (frames, h, w) uint8 gray images; `masks`, the same
-    of masks; `hulls`, see `Outlines`.
-    `images`: (H, W, 3) uint8 RGB of the frame `shown`, and `shown_masks`, (H, W) uint8."""
+    """Images, masks and cameras that were read. By camera, in the order of `frames`: `small`, (frames, h, w) uint8 gray
+    images; `masks`, the same of masks; `hulls`, see `Outlines`. `images`: (H, W, 3) uint8 RGB of the frame `shown`, and
+    `shown_masks`, (H, W) uint8."""
 
     frames: tuple[int, ...]
     windows: tuple[slice, ...]  # the beginning, the middle and the end, in which frames follow each other

@@ -62,7 +62,7 @@ def _solve(names: list[str], heights: Heights, windows: list[slice], start: Mapp
 
 
 def _lag(name: str, heights: Heights, windows: list[slice], now: Mapping[str, float]) -> Lag:
-    """How late a camera is, the others being as late as `now` says."""
+    """Return how late a camera is, the others being as late as `now` says."""
     most = min(_FURTHEST, max((window.stop - window.start for window in windows), default=0) - _OVERLAP)
     if most < 1:
         return Lag(0.0, 0, 0.0)

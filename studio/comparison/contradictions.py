@@ -1,4 +1,4 @@
-"""Where masks contradict the footage: parts of the performer that they lost, and parts of the set that they kept.
+"""Finds where masks contradict the footage: parts of the performer that they lost, and parts of the set that they kept.
 
 The evidence in an image is its difference from the empty set. A part that differs as the performer does and touches the
 mask, but is outside of it, is *missing*, if the differences in the other cameras support it in space: a lamp that
@@ -102,8 +102,9 @@ def difference_odds(image: np.ndarray, plate: np.ndarray, settings: DifferenceSe
 
 
 def behind(image: np.ndarray, mask: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> Behind:
-    """What is behind the performer in an image (H, W, 3) uint8, of which `plate` is the set, as in `FootageView`, but
-    without holes; and where the performer is, by the mask (H, W) uint8 or by the difference from the set."""
+    """Return what is behind the performer in an image (H, W, 3) uint8, of which `plate` is the set, as in
+    `FootageView`, but without holes; and where the performer is, by the mask (H, W) uint8 or by the difference from the
+    set."""
     return Behind(lit(plate, image), performer_area(mask, difference_odds(image, plate, settings)))
 
 
@@ -116,7 +117,7 @@ def lit(plate: np.ndarray, image: np.ndarray) -> np.ndarray:
 
 
 def performer_area(mask: np.ndarray, odds: np.ndarray) -> np.ndarray:
-    """Where the performer is by the mask (H, W) uint8, or by the `difference_odds` (h, w): (H, W) bool."""
+    """Return where the performer is by the mask (H, W) uint8, or by the `difference_odds` (h, w): (H, W) bool."""
     import cv2
 
     differs = _opened(odds > _DIFFERENT).astype(np.uint8)
@@ -124,8 +125,8 @@ def performer_area(mask: np.ndarray, odds: np.ndarray) -> np.ndarray:
 
 
 def contradicting_masks(frames: Iterable[tuple[int, Mapping[str, CheckedView]]]) -> tuple[MaskContradiction, ...]:
-    """Where masks contradict the footage, in frames that belong together, each with its number and its views by camera:
-    in the order of frames, with shares of at least `LEAST_SHARE`."""
+    """Return where masks contradict the footage, in frames that belong together, each with its number and its views by
+    camera: in the order of frames, with shares of at least `LEAST_SHARE`."""
     parts: list[_Part] = []
     equal: dict[str, np.ndarray] = {}  # by camera, where all frames so far equal the set
     none: tuple[int, Mapping[str, CheckedView]] = (0, {})
@@ -179,7 +180,7 @@ class _Part:
 
 
 def _parts(frame: int, views: Mapping[str, CheckedView], neighbors: Sequence[Mapping[str, CheckedView]]) -> list[_Part]:
-    """What may contradict the masks of a frame; `neighbors`: the views of the frames before and after it."""
+    """Return what may contradict the masks of a frame; `neighbors`: the views of the frames before and after it."""
     by_set, enough = all(view.knows_set for view in views.values()), len(views) >= FEWEST_CAMERAS
     flickers = {camera: _flickers(view, [each[camera] for each in neighbors]) for camera, view in views.items()}
     lost, kept = ({camera: np.zeros_like(view.mask) for camera, view in views.items()} for _ in range(2))
@@ -211,8 +212,8 @@ def _parts(frame: int, views: Mapping[str, CheckedView], neighbors: Sequence[Map
 
 
 def _flickers(view: CheckedView, neighbors: Sequence[CheckedView]) -> np.ndarray:
-    """Where a mask lacks what the masks before and after it have, or what one of them has where the image has not
-    changed; but not where the image equals the set."""
+    """Return where a mask lacks what the masks before and after it have, or what one of them has where the image has
+    not changed; but not where the image equals the set."""
     lacks = np.zeros_like(view.mask)
     for other in neighbors:
         lacks |= other.mask & (abs(other.image - view.image).max(axis=2) <= _UNCHANGED)

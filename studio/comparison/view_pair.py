@@ -28,7 +28,7 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """What is behind the performer in a view, (H, W, 3) float32 RGB in 0 to 1; and where the performer is, by mask or
+    """The image behind the performer in a view, (H, W, 3) float32 RGB in 0 to 1; and where the performer is, by mask or
     by difference from it, (H, W) bool."""
 
     image: np.ndarray

@@ -181,7 +181,7 @@ def fit_chart_colors(
 
 
 def reasons(without: Mapping[str, StudioError]) -> str:
-    """Why cameras cannot be measured, see `ChartFit.without`, for a sentence."""
+    """Return why cameras cannot be measured, see `ChartFit.without`, for a sentence."""
     return "; ".join(f"{name}: {error.problem}" for name, error in without.items())
 
 

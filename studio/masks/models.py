@@ -36,7 +36,7 @@ class Model:
 
     @property
     def file(self) -> Path:
-        """Where its weights are, or would be."""
+        """Return where its weights are, or would be."""
         if self.url:
             return cache_folder() / "models" / f"{self.name}.onnx"
         return Path(__file__).with_name("weights") / f"{self.name}.tflite"

@@ -284,7 +284,7 @@ class StreamFrames:
             self._pending.discard(frame)
 
     def _error(self, frame: int) -> Exception | None:
-        """Why a frame cannot be played; None if that is not known, or is to be tried again."""
+        """Return why a frame cannot be played; None if that is not known, or is to be tried again."""
         group = self._reader.index.group_of(frame)
         skipped, error, when = self._failed.get(group, (None, None, 0.0))
         if skipped is None or not skipped.first_frame <= frame < skipped.stop:

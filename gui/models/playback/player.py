@@ -377,7 +377,7 @@ class PlayerPresenter(Viewpoint):
 
     @property
     def doing(self) -> str:
-        """What is being done while an image is awaited."""
+        """Return what is being done while an image is awaited."""
         request = self._request()
         return "finding the masks of this frame" if request and What.FOOTAGE in request.names else "rendering"
 

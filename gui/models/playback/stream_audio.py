@@ -34,7 +34,7 @@ class StreamAudio:
 
     @property
     def message(self) -> str:
-        """Why nothing is heard; "" if it works, as far as known."""
+        """Return why nothing is heard; "" if it works, as far as known."""
         return self._error or (self.player.message if self.player is not None else "")
 
     @property

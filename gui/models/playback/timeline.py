@@ -54,7 +54,7 @@ class TimelineZoom:
         return TimelineZoom(min(max(self.first, 0.0), frame_count - self.shown), self.shown)
 
     def count(self, frame_count: int) -> float:
-        """How many frames are shown."""
+        """Return how many frames are shown."""
         return float(frame_count) if self.shown is None else min(self.shown, float(frame_count))
 
 
@@ -79,7 +79,7 @@ class Timeline:
 
     @property
     def shown(self) -> float:
-        """How many frames are shown."""
+        """Return how many frames are shown."""
         return self.zoom.count(self.frame_count)
 
     def shows(self, frame: int) -> bool:

@@ -86,7 +86,7 @@ class Viewpoint:
         return held_out_first(names, self.held_out)
 
     def why_not(self, what: str) -> str:
-        """Why a source cannot be shown; "" if it can."""
+        """Return why a source cannot be shown; "" if it can."""
         if self.opened is None:
             return NOTHING_OPEN
         if what == What.FOOTAGE:

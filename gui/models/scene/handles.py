@@ -27,7 +27,7 @@ class Handle:
     direction: np.ndarray
 
     def distance(self, view: Camera, start: tuple[float, float], end: tuple[float, float]) -> float:
-        """How far the handle is moved along its direction by a drag in pixels, world units."""
+        """Return how far the handle is moved along its direction by a drag in pixels, world units."""
         along, step = self._along(view)
         length = float(along @ along)
         return float(np.subtract(end, start) @ along) / length * step if length > 1e-6 else 0.0

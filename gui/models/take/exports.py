@@ -122,7 +122,7 @@ class Exports(Commands):
 
     @property
     def does(self) -> str:
-        """What the last one was, "export" or "share"."""
+        """Return what the last one was, "export" or "share"."""
         return self.request.does.lower() if self.request is not None else "export"
 
     @property

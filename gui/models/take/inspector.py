@@ -76,7 +76,8 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
 
 
 def note_on_figures(player: PlayerPresenter, there: bool, stale: bool) -> str:
-    """Why there are no figures of the current frame, or what lowers them; "" without settings that can be read."""
+    """Return why there are no figures of the current frame, or what lowers them; "" without settings that can be
+    read."""
     if player.context is None:
         return ""
     try:

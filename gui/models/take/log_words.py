@@ -35,7 +35,7 @@ def metrics_words(event: Metrics) -> str:
 
 
 def _mask_words(disagreement: JsonData) -> list[str]:
-    """How much the masks of the worst camera differ from the hull; nothing if that is not known."""
+    """Return how much the masks of the worst camera differ from the hull; nothing if that is not known."""
     cameras = disagreement if isinstance(disagreement, Mapping) else {}
     shares = [(value, name) for name, value in cameras.items() if isinstance(value, int | float)]
     return [f"masks differ from the hull by up to {value:.0%} (camera {name})" for value, name in sorted(shares)[-1:]]

@@ -29,7 +29,7 @@ def value_words(setting: str, config: Config) -> str:
 
 
 def why_not_done(status: StageStatus) -> str:
-    """Why a stage is not up to date; "" if it is."""
+    """Return why a stage is not up to date; "" if it is."""
     if status.needs:
         return f"Run also runs {listed([*map(stage_name, status.needs)])}."
     return "; ".join(map(_reason_words, status.reasons)) or status.reason

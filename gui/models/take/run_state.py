@@ -20,7 +20,7 @@ SILENT = 10.0  # seconds without progress after which the time that the step tak
 
 
 class Outcome(StrEnum):
-    """How a run has ended."""
+    """The way in which a run has ended."""
 
     OPEN = ""  # it has not ended
     DONE = "done"
@@ -29,7 +29,7 @@ class Outcome(StrEnum):
 
 
 class Level(StrEnum):
-    """How serious a line of the log is."""
+    """Severity of a line of the log."""
 
     PLAIN = ""
     WARNING = "warning"
@@ -192,5 +192,5 @@ class RunState:
 
 
 def percent(fraction: float) -> str:
-    """How much is done, 0 to 1, as in "42%"; 100% means that nothing is left."""
+    """Return how much is done, 0 to 1, as in "42%"; 100% means that nothing is left."""
     return f"{int(100 * fraction + 1e-6)}%"

@@ -1,4 +1,4 @@
-"""How settings are shown: labels, units, paths to choose, and which ones most people need."""
+"""The form in which settings are shown: labels, units, paths to choose, and which ones most people need."""
 
 from collections.abc import Mapping
 

@@ -34,7 +34,7 @@ WIDEST_STEPS = 100  # whole numbers between more distant limits have no buttons 
 
 
 class FieldKind(StrEnum):
-    """How a setting is edited. A switch that can be null is a choice."""
+    """The way in which a setting is edited. A switch that can be null is a choice."""
 
     SWITCH = "switch"
     CHOICE = "choice"

@@ -54,7 +54,7 @@ class NamedTarget:
 
     @property
     def ending(self) -> str | None:
-        """What the name of a file must end in; "" for a folder; None: anything."""
+        """Return what the name of a file must end in; "" for a folder; None: anything."""
         return None
 
     @property

@@ -111,12 +111,13 @@ class Workspace:
 
     @property
     def problem(self) -> str:
-        """Why the settings or the status of the stages cannot be read; "" if they can."""
+        """Return why the settings or the status of the stages cannot be read; "" if they can."""
         return self._unread or self._unassessed
 
     @property
     def without_settings(self) -> str:
-        """Why there are no settings: nothing, or a bare stream, is open; "" if they cannot be read, see `problem`."""
+        """Return why there are no settings: nothing, or a bare stream, is open; "" if they cannot be read, see
+        `problem`."""
         if self.take is not None:
             return ""
         if self.opening:

@@ -1,4 +1,4 @@
-"""How well the training cameras of a take cover the performer: drawn around the performer, and in figures."""
+"""Coverage of the performer by training cameras: drawn around the performer, and in figures."""
 
 from __future__ import annotations
 

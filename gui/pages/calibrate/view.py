@@ -92,7 +92,7 @@ class CalibrateView(OrbitView):
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """How well the cameras cover the performer, and what the reader of their file assumed."""
+        """Return how well the cameras cover the performer, and what the reader of their file assumed."""
         covered, report = self._coverage, self._checked.report
         blocks = [Block("Are they right?", [], "\n".join(self._checked.sentences))] if report is not None else []
         blocks += [covered.block] if covered is not None else []

@@ -1,4 +1,4 @@
-"""How far masks contradict those of the other cameras in a frame, measured before anything is trained."""
+"""Measures how far masks contradict those of the other cameras in a frame, before anything is trained."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class MaskVerdict:
 
 
 def why_not_judged(footage: Footage, calibrated: bool) -> str:
-    """Why the masks of a footage cannot be compared, as a sentence; "" if they can, or if there are none."""
+    """Return why the masks of a footage cannot be compared, as a sentence; "" if they can, or if there are none."""
     if isinstance(footage.mask_source, FullMaskSource | MissingMaskSource):
         return ""
     return NO_CAMERAS if not calibrated else TOO_FEW if len(footage.train_cameras) < LEAST_CAMERAS else ""

@@ -68,7 +68,7 @@ class StartImage:
 
     @property
     def most_down(self) -> float:
-        """How far the page can be scrolled, pixels."""
+        """Return how far the page can be scrolled, pixels."""
         return max(self.full + self.down - self.height, 0.0)
 
     def at(self, x: float, y: float) -> str:
@@ -76,7 +76,7 @@ class StartImage:
         return self.crosses.at(x, y) or self.boxes.at(x, y) or ""
 
     def scrolled_to(self, name: str) -> float:
-        """How far the page must be scrolled down to show the button or card with a name."""
+        """Return how far the page must be scrolled down to show the button or card with a name."""
         for (_, y, _, high), other in self.boxes.all:
             if other == name:
                 above, below = min(y - self.em, 0.0), max(y + high + 3 * self.em - self.height, 0.0)

@@ -17,7 +17,7 @@ FIELD, PATH = 16, 28  # least width of a field in em: three numbers with signs f
 
 
 def refusal(error: str) -> gui.Label:
-    """Why a dialog could not be confirmed."""
+    """The reason why a dialog could not be confirmed."""
     return make_label(broken(error), BAD)
 
 

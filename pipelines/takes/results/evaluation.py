@@ -136,7 +136,8 @@ class MaskCheck(Result):
 
     @property
     def words(self) -> str:
-        """What contradicts the footage: frames, cameras, and shares of the performer's area; "" if nothing does."""
+        """Return what contradicts the footage: frames, cameras, and shares of the performer's area; "" if nothing
+        does."""
         parts = []
         for kind, end in (("missing", "is not in the masks"), ("extra", "in the masks looks like the set")):
             wrong = [each for each in self.contradictions if each.kind == kind]

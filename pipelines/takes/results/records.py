@@ -154,7 +154,7 @@ def write_failure(take: Take, stage: str, error: Message) -> None:
 
 
 def read_failure(take: Take, stage: str) -> FailureRecord | None:
-    """Why the stage's last attempt failed; None if it did not, or the record is damaged."""
+    """Return why the stage's last attempt failed; None if it did not, or the record is damaged."""
     return _read(take.failure(stage), FailureRecord)
 
 

@@ -19,9 +19,9 @@ _FEWEST = 50
 
 
 def color_odds(bins: np.ndarray, odds: np.ndarray, shared: np.ndarray) -> np.ndarray:
-    """How much more frequent each pixel's color is on the performer than on the set: (H, W) float32 log ratio, -3 to 3,
-    from the `color_bins` (H, W) int32 of an image, the log-odds (H, W) float32 of the performer, and the performer's
-    bins (N,) int32 in all cameras."""
+    """Return how much more frequent each pixel's color is on the performer than on the set: (H, W) float32 log ratio,
+    -3 to 3, from the `color_bins` (H, W) int32 of an image, the log-odds (H, W) float32 of the performer, and the
+    performer's bins (N,) int32 in all cameras."""
     import cv2
 
     own, behind = bins[odds > 0.5], odds < -0.5

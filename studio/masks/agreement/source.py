@@ -310,7 +310,7 @@ class AgreedMaskSource(MaskSource):
 
 
 class _BeforeScreen(AgreedMaskSource):
-    """The same before a screen, whose light is removed from outlines (see `Recolors`)."""
+    """Agreement before a screen, whose light is removed from outlines (see `Recolors`)."""
 
     def recolored(self, camera: str, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
         assert self._screen is not None
