@@ -32,6 +32,9 @@ from sensor import developed, recorded, to_bytes, write_matte, write_video
 if TYPE_CHECKING:
     from scene import Scene
 
+PLATE_SAMPLES = 24
+FEATHER = 12  # pixels at the edges of a frame's box over which it becomes the plate
+
 
 def main() -> int:
     about, form = "render a capture with exact ground truth", argparse.RawTextHelpFormatter
@@ -42,7 +45,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, help="fewer or more frames than the capture has")
     parser.add_argument("--cameras", help="names of the cameras to render, separated by commas")
     parser.add_argument("--scale", type=float, default=1.0, help="of the images' width and height")
-    parser.add_argument("--samples", type=int, default=10, help="light paths per pixel (default: 10)")
+    parser.add_argument("--samples", type=int, default=8, help="light paths per pixel (default: 8)")
     given = parser.parse_args()
     capture = CAPTURES[given.name]
     chosen = given.cameras.split(",") if given.cameras else [camera.name for camera in capture.cameras]
@@ -91,22 +94,23 @@ class Production:
         from scene import Scene  # Blender takes seconds to load
 
         capture = self.capture
-        scene = Scene(capture, self.samples)
+        scene = Scene(capture)
         starts = [capture.start + frame / capture.fps for frame in range(capture.frames)]
         moments = [self._moments(camera, frame) for camera in capture.cameras for frame in range(capture.frames)]
         scene.skirts(np.array([*starts, *(moment for several in moments for moment in several)]))
         images = [(camera, frame) for frame in range(capture.frames) for camera in capture.cameras]
         for frame, start in enumerate(starts):
             self._write_mesh(scene, frame, start)
+        scene.show_people(False)
+        for camera in capture.cameras:
+            self._write_shot(scene, camera, None, scratch)
+        scene.show_people(True)
         began = time.monotonic()
         for done, (camera, frame) in enumerate(images):
             self._write_shot(scene, camera, frame, scratch)
             left = (time.monotonic() - began) / (done + 1) * (len(images) - done - 1) / 60
             told = f"rendered {done + 1} of {len(images)} images, {left:.0f} min left"
             print(f"\r{told} ({camera.name}, frame {frame})   ", end="", file=sys.stderr, flush=True)
-        scene.empty()
-        for camera in capture.cameras:
-            self._write_shot(scene, camera, None, scratch)
 
     def _moments(self, camera: Camera, frame: int) -> list[float]:
         """Times at which a frame is rendered: one, or several over exposure and readout."""
@@ -120,27 +124,36 @@ class Production:
 
     def _write_shot(self, scene: "Scene", camera: Camera, frame: int | None, scratch: Path) -> None:
         """Write light, matte and depth of a frame, or of the empty set, unless they are there; with motion blur and
-        rolling shutter as means of moments, by rows."""
+        rolling shutter as means of moments, by rows. Far from people and their shadows, it is the plate."""
         path = self._frame(camera, frame)
         if path.exists():
             return
         wide, width, height, focal = camera.lens.kind == "brown", camera.width, camera.height, camera.lens.focal
         if wide:  # rendered as a pinhole with a margin, more finely, and then distorted
             width, height, focal = 2 * camera.width, 2 * camera.height, focal / 1.4
-        layers = []
-        for moment in [None] if frame is None else self._moments(camera, frame):
-            if moment is not None:
-                scene.put(moment)
+        if frame is None:
             scene.aim(camera, width, height, focal)
-            light, matte, depth = scene.shot(scratch)
-            shown = np.dstack([light, matte, np.minimum(depth, 60.0)])
-            layers.append(_distorted(shown, camera, focal) if wide else shown)
+            stored = scene.shot(scratch, None, PLATE_SAMPLES)
+            np.save(self._raw_plate(camera), stored)
+            layers = [stored]
+        else:
+            plate, layers = np.load(self._raw_plate(camera)), []
+            for moment in self._moments(camera, frame):
+                scene.put(moment)
+                scene.aim(camera, width, height, focal)
+                box = scene.box(camera, width, height, focal)
+                layers.append(_pasted(plate, scene.shot(scratch, box, self.samples), box))
+        layers = [_distorted(layer, camera, focal) for layer in layers] if wide else layers
         mean = np.einsum("rk,krwc->rwc", _row_weights(camera, len(layers)), np.array(layers))
         light, matte = mean[..., :3].astype(np.float16), mean[..., 3].astype(np.float16)
         partial = path.with_suffix(".part")
         with partial.open("wb") as file:
             np.savez_compressed(file, light=light, matte=matte, depth=mean[..., 4].astype(np.float32))
         partial.rename(path)
+
+    def _raw_plate(self, camera: Camera) -> Path:
+        """The file with the empty set as it was rendered, before the lens distorts it."""
+        return self.frames / camera.name / "plate.npy"
 
     def _write_mesh(self, scene: "Scene", frame: int, moment: float) -> None:
         path = self.folder / "meshes" / f"{frame:06}.ply"
@@ -180,6 +193,26 @@ class Production:
     def _stored(self, camera: Camera, frame: int | None) -> dict[str, np.ndarray]:
         with np.load(self._frame(camera, frame)) as file:
             return {name: file[name].astype(np.float32) for name in file.files}
+
+
+def _pasted(plate: np.ndarray, part: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    """(H, W, C) plate with a part whose light becomes the plate's towards those edges that lie within the image."""
+    (left, top, right, bottom), (height, width) = box, plate.shape[:2]
+    rows, columns = np.arange(top, bottom) + 0.5, np.arange(left, right) + 0.5
+    ramp = np.ones((bottom - top, right - left))
+    for inside, distance in (
+        (left > 0, columns - left),
+        (right < width, right - columns),
+        (top > 0, (rows - top)[:, None]),
+        (bottom < height, (bottom - rows)[:, None]),
+    ):
+        if inside:
+            ramp = ramp * np.clip(distance / FEATHER, 0, 1)
+    whole = plate.copy()
+    under = whole[top:bottom, left:right]
+    under[..., :3] += ramp[..., None] * (part[..., :3] - under[..., :3])
+    under[..., 3:] = part[..., 3:]
+    return whole
 
 
 def _row_weights(camera: Camera, count: int) -> np.ndarray:

@@ -20,6 +20,11 @@ class Lens:
     focal: float = 0.823
     distortion: tuple[float, ...] = ()
 
+    def radius(self, angle: np.ndarray) -> np.ndarray:
+        """Focal lengths from the image's middle at which a "fisheye" lens images rays at an angle to its axis."""
+        k1, k2, k3, k4 = self.distortion
+        return angle * (1 + k1 * angle**2 + k2 * angle**4 + k3 * angle**6 + k4 * angle**8)
+
     def undistorted(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) points on the plane z = 1 that a "brown" lens images at normalized `points`, by iteration."""
         k1, k2, p1, p2, k3 = self.distortion

@@ -25,7 +25,7 @@ THROW = (np.array([-0.55, -0.75, 1.25]), np.array([0.62, 0.25, 2.45]))
 class Scene:
     """Renders pictures, mattes and depths of a capture."""
 
-    def __init__(self, capture: Capture, samples: int) -> None:
+    def __init__(self, capture: Capture) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.capture, self.scene = capture, bpy.context.scene
         self.room = SETS[capture.set](self.scene)
@@ -46,12 +46,12 @@ class Scene:
         self.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         self.scene.collection.objects.link(self.camera)
         self.scene.camera = self.camera
-        self._settings(samples)
+        self._settings()
 
-    def _settings(self, samples: int) -> None:
+    def _settings(self) -> None:
         scene, cycles = self.scene, self.scene.cycles
         scene.render.engine = "CYCLES"
-        cycles.samples, cycles.use_denoising, cycles.seed = samples, True, 0
+        cycles.use_denoising, cycles.denoising_quality, cycles.seed = True, "BALANCED", 0
         cycles.use_adaptive_sampling, cycles.adaptive_threshold = True, 0.02
         cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 4, 3, 2
         cycles.transparent_max_bounces = 4
@@ -66,7 +66,8 @@ class Scene:
         matte = scene.view_layers.new("matte")
         matte.layer_collection.children["set"].holdout = True
         matte.material_override = glowing("matte", (1.0, 1.0, 1.0), 1.0)
-        matte.samples, matte.cycles.use_denoising = 32, False
+        matte.material_override.cycles.emission_sampling = "NONE"  # else all faces become lights
+        matte.samples, matte.cycles.use_denoising = 16, False
         scene.use_nodes = True
         tree = scene.node_tree
         tree.nodes.clear()
@@ -113,10 +114,32 @@ class Scene:
             start += len(mesh.vertices)
         return np.vstack(points), np.vstack(triangles)
 
-    def empty(self) -> None:
-        """Leave the set alone, for the clean plates."""
+    def show_people(self, shown: bool) -> None:
+        """Show the people, or the set alone, for the clean plates."""
         for layer in self.scene.view_layers:
-            layer.layer_collection.children["people"].exclude = True
+            layer.layer_collection.children["people"].exclude = not shown
+
+    def box(self, camera: Camera, width: int, height: int, focal: float) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom pixel around people, ball and the floor where their shadows are dark."""
+        points = self.surface()[0]
+        if self.ball is not None:
+            points = np.vstack(
+                [points, np.array(self.ball.location) + 0.11 * np.mgrid[-1:2, -1:2, -1:2].reshape(3, -1).T]
+            )
+        floor = [points * (1, 1, 0) + 0.18 * np.array([x, y, 0]) for x in (-1, 1) for y in (-1, 1)]
+        rotation, shift = camera.world_to_camera[:, :3], camera.world_to_camera[:, 3]
+        seen = np.vstack([points, *floor]) @ rotation.T + shift
+        across = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-9)
+        if camera.lens.kind == "fisheye":
+            radius = camera.lens.radius(np.arctan2(across, seen[:, 2]))
+        else:
+            radius = across / np.maximum(seen[:, 2], 0.05)
+        x = focal * width * radius * seen[:, 0] / across + width / 2
+        y = focal * width * radius * seen[:, 1] / across + height / 2
+        margin = 0.025 * width
+        left, right = np.clip([x.min() - margin, x.max() + margin], 0, width).round().astype(int)
+        top, bottom = np.clip([y.min() - margin, y.max() + margin], 0, height).round().astype(int)
+        return left, top, right, bottom
 
     def aim(self, camera: Camera, width: int, height: int, focal: float) -> None:
         """Look through a camera, with an image of `width` x `height` and a focal length in widths."""
@@ -135,21 +158,27 @@ class Scene:
         pose[:3, :3], pose[:3, 3] = rotation.T @ np.diag((1, -1, -1)), center
         self.camera.matrix_world = Matrix(pose.tolist())
 
-    def shot(self, folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(H, W, 3) linear light, (H, W) matte in [0, 1] and (H, W) depth in meters, as seen now."""
+    def shot(self, folder: Path, box: tuple[int, int, int, int] | None, samples: int) -> np.ndarray:
+        """(H, W, 5) linear light, matte in [0, 1] and depth in meters as seen now, of the pixels in a box or of all."""
         self.output.base_path = str(folder)
+        render, (width, height) = self.scene.render, (self.scene.render.resolution_x, self.scene.render.resolution_y)
+        self.scene.cycles.samples = samples
+        render.use_border = render.use_crop_to_border = box is not None
+        if box is not None:
+            left, top, right, bottom = box
+            render.border_min_x, render.border_max_x = left / width, right / width
+            render.border_min_y, render.border_max_y = 1 - bottom / height, 1 - top / height
         bpy.ops.render.render(scene=self.scene.name)
         number = f"{self.scene.frame_current:04}"
         picture, matte, depth = (_read(folder / f"{slot}{number}.exr") for slot in ("picture", "matte", "depth"))
-        return picture[..., :3], np.clip(matte[..., 0], 0, 1), depth[..., 0]
+        return np.dstack([picture[..., :3], np.clip(matte[..., 0], 0, 1), np.minimum(depth[..., 0], 60.0)])
 
 
 def _angle_by_radius(camera: Camera, sensor: float) -> np.ndarray:
     """(5,) coefficients of the angle by powers of the radius in mm, fitted to the lens's radius by angle."""
     focal = camera.lens.focal * sensor
     angle = np.linspace(0, 1.5, 400)
-    k1, k2, k3, k4 = camera.lens.distortion
-    radius = focal * angle * (1 + k1 * angle**2 + k2 * angle**4 + k3 * angle**6 + k4 * angle**8)
+    radius = focal * camera.lens.radius(angle)
     powers = np.stack([radius**power for power in range(1, 5)], axis=1)
     return np.hstack([0.0, np.linalg.lstsq(powers, angle, rcond=None)[0]])
 

@@ -31,6 +31,14 @@ def test_the_distorted_lens_is_that_of_opencv(rig: ModuleType) -> None:
     np.testing.assert_allclose(lens.undistorted(distorted[:, 0]), points, atol=1e-9)
 
 
+def test_the_fisheye_lens_is_that_of_opencv(rig: ModuleType) -> None:
+    lens = rig.Lens("fisheye", 0.46, (0.03, -0.008, 0.001, 0.0))
+    angles = np.linspace(0.01, 1.5, 50)
+    rays = np.c_[np.sin(angles), np.zeros(50), np.cos(angles)][None]
+    points, _ = cv2.fisheye.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), np.array(lens.distortion))
+    np.testing.assert_allclose(lens.radius(angles), points[0, :, 0], atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["cameras.json", "transforms.json"])
 def test_every_camera_file_describes_the_same_cameras(rig: ModuleType, tmp_path: Path, name: str) -> None:
     lens = rig.Lens("brown", 0.7, (-0.1, 0.02, 0.001, -0.0015, 0.0))
