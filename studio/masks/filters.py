@@ -17,6 +17,12 @@ def reduced(image: np.ndarray, side: int) -> np.ndarray:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
+def largest_channel(image: np.ndarray) -> np.ndarray:
+    """(H, W) the largest of the first three channels of an image (H, W, 3 or more): `max(axis=2)`, which takes 25 times
+    as long."""
+    return np.asarray(np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2]))
+
+
 def enlarged(mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A binary mask (h, w) at the size of an image of that shape: (H, W) uint8, 0 or 1."""
     import cv2

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from v3studio.studio.capture.images import read_values
+from v3studio.studio.masks.filters import largest_channel
 
 LOSSY = frozenset({".jpg", ".jpeg", ".webp"})
 """Extensions of images whose values are not exact, so that they cannot be labels."""
@@ -38,6 +39,11 @@ class MaskValues:
     def mask(self, values: np.ndarray, chosen: Sequence[int] = ()) -> np.ndarray:
         """(H, W) uint8, 255 = foreground, of values (H, W) as from `read_mask_values`. `chosen`: the labels that are
         foreground; empty: all but 0. Of soft masks, only `INVERTED` counts."""
+        if values.dtype == np.uint8:  # many pixels of few values
+            return self._mask(np.arange(256), chosen)[values]
+        return self._mask(values, chosen)
+
+    def _mask(self, values: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
         if self.labels:
             is_inside = np.isin(values, chosen) if chosen else values != 0
             return np.where(is_inside, 255, 0).astype(np.uint8)
@@ -71,7 +77,7 @@ def mask_channel(values: np.ndarray) -> np.ndarray:
         alpha = values[:, :, 3]
         if (alpha < (1 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max)).any():
             return alpha
-    return values[:, :, :3].max(axis=2)
+    return largest_channel(values)
 
 
 def values_in(images: Sequence[np.ndarray], exact: bool, chosen: Sequence[int] = ()) -> MaskValues:

@@ -19,7 +19,14 @@ import numpy as np
 from v3studio.studio.atomic_files import atomic_path
 from v3studio.studio.capture.settings import DifferenceSettings
 from v3studio.studio.masks.clean_plate import Background, difference_evidence
-from v3studio.studio.masks.filters import color_bins, color_table, guided_filter, odds_of_colors, reduced
+from v3studio.studio.masks.filters import (
+    color_bins,
+    color_table,
+    guided_filter,
+    largest_channel,
+    odds_of_colors,
+    reduced,
+)
 from v3studio.studio.masks.mask_source import evenly_spaced
 from v3studio.studio.memory import is_out_of_memory
 from v3studio.studio.memory_cache import MemoryCache
@@ -84,7 +91,7 @@ def _neighbors(stack: np.ndarray, tolerance: int) -> np.ndarray:
     for i in range(len(stack)):
         for j in range(i + 1, len(stack)):
             apart = cv2.absdiff(stack[i], stack[j])
-            near = np.maximum(np.maximum(apart[..., 0], apart[..., 1]), apart[..., 2]) <= tolerance
+            near = largest_channel(apart) <= tolerance
             count[i] += near
             count[j] += near
     return count.astype(np.float32)
@@ -94,7 +101,7 @@ def _pick(stack: np.ndarray, score: np.ndarray, tolerance: int) -> tuple[np.ndar
     """Mean color (H, W, 3) float32 of the samples similar to the best-scored one, and these samples (S, H, W) bool."""
     best = score.argmax(axis=0)
     center = np.take_along_axis(stack, best[None, :, :, None], axis=0)[0].astype(np.int16)
-    members = np.stack([np.abs(sample - center).max(axis=-1) <= tolerance for sample in stack])
+    members = np.stack([largest_channel(np.abs(sample - center)) <= tolerance for sample in stack])
     total = np.zeros(center.shape, np.float32)
     for sample, member in zip(stack, members, strict=True):
         total += sample * member[..., None]
@@ -112,7 +119,7 @@ def _estimate_small(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     for _ in range(3):
         share = members.mean(axis=0)
         center = plate.astype(np.uint8)
-        moved = np.stack([cv2.absdiff(sample, center).max(axis=-1) > 26 + tolerance for sample in stack])
+        moved = np.stack([largest_channel(cv2.absdiff(sample, center)) > 26 + tolerance for sample in stack])
         swept = cv2.dilate((moved.mean(axis=0) > 0.05).astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
         clear = share > (0.6 if table is None else 0.3)
         if table is not None:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.filters import largest_channel
 from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, evenly_spaced
 from v3studio.studio.memory_cache import MemoryCache
 
@@ -56,7 +57,7 @@ def plain_mask(image: np.ndarray, color: np.ndarray) -> np.ndarray:
     """
     import cv2
 
-    difference = np.ascontiguousarray(cv2.absdiff(image, np.broadcast_to(color, image.shape).copy()).max(axis=2))
+    difference = largest_channel(cv2.absdiff(image, np.broadcast_to(color, image.shape).copy()))
     strong = (difference > _STRONG).astype(np.uint8)
     box = cv2.boundingRect(strong)  # left, top, width, height
     left, top = max(0, box[0] - 32), max(0, box[1] - 32)
