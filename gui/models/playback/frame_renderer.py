@@ -16,6 +16,7 @@ from v3studio.gui.drawing.palette import BAD, BLACK
 from v3studio.gui.models.playback.image_zoom import ImageZoom
 from v3studio.gui.models.playback.other_source import OtherSource, shown_beside
 from v3studio.gui.models.playback.sources import FrameSource
+from v3studio.gui.models.scene.compose import as_pixels, draw_layer
 from v3studio.gui.models.scene.contents import Color, SceneRequest
 from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.scene.reader import SceneReader
@@ -126,7 +127,8 @@ class FrameRenderer:
         names = request.names
         apart = request.mode == Mode.SIDE_BY_SIDE
         where = compare.boxes(request.size, len(names) if apart else 1, request.shape)
-        parts = [self._part(request, name, where[0], capture) for name in names]
+        uncut = request.mode == Mode.DIFFERENCE and capture is not None and What.FOOTAGE in names
+        parts = [self._part(request, name, where[0], capture, uncut) for name in names]
         images = [part.image for part in parts]
         shown = [request.shown(name) for name in names]
         if request.mode == Mode.SINGLE:
@@ -141,9 +143,8 @@ class FrameRenderer:
             image = compare.wipe(request.size, box, images[0], images[1], request.wipe, pair, request.text)
         else:
             pair, under = (shown[0], shown[1]), None
-            if What.FOOTAGE in names and capture is not None:
-                under = images[names.index(What.FOOTAGE)]
-                images = [self._part(request, name, where[0], capture, uncut=True).image for name in names]
+            if uncut:
+                under = self._part(request, What.FOOTAGE, where[0], capture).image
             seen = (pair, request.text, request.background, under)
             image = compare.heat_map(request.size, where[0], images[0], images[1], *seen)
         if request.place is not None:
@@ -180,7 +181,7 @@ class FrameRenderer:
         if behind is None:
             image = self.draw(gaussians, camera, request.background)
         else:
-            image = over(behind, *(self.draw(gaussians, camera, color) for color in ((0.0,) * 3, (1.0,) * 3)))
+            image = as_pixels(draw_layer(gaussians, camera).over(behind.astype(np.float32) / 255))
         if capture is not None:
             request.image_zoom.mask_outside(image, capture)
         else:
@@ -250,18 +251,12 @@ def faded(
     return canvas.pixels
 
 
-def over(behind: np.ndarray, on_black: np.ndarray, on_white: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8: splats, as drawn over black and over white, over an image."""
-    through = np.clip(on_white.astype(np.float32) - on_black, 0, 255) / 255
-    return np.clip(on_black + through * behind + 0.5, 0, 255).astype(np.uint8)
-
-
 def footage_image(request: RenderRequest, width: int, height: int, compared: bool = False) -> np.ndarray:
     """(height, width, 3) uint8: the image as filmed; if it is `compared`, but the set is not known, only the performer,
     over the background. StudioError: `playback.no_footage`, `playback.no_camera_selected`, `footage.no_such_frame`, or
     an unreadable image."""
     footage, number = _filmed(request)
-    if compared and set_image(request, width, height) is None:
+    if compared and _plate(request) is None:
         image = performer_over(footage, request.camera, number, request.background)
     else:
         image = footage.image(request.camera, number)
@@ -271,11 +266,16 @@ def footage_image(request: RenderRequest, width: int, height: int, compared: boo
 def set_image(request: RenderRequest, width: int, height: int) -> np.ndarray | None:
     """(height, width, 3) uint8: the set, as bright as the footage; None if it is not known. StudioError as above."""
     footage, number = _filmed(request)
-    plate = request.context.sets.plate(request.camera) if request.context is not None else None
+    plate = _plate(request)
     if plate is None:
         return None
     image = (255 * lit(plate, footage.image(request.camera, number)) + 0.5).astype(np.uint8)
     return request.image_zoom.picture(image, footage.rig[request.camera], width, height)
+
+
+def _plate(request: RenderRequest) -> np.ndarray | None:
+    """The set, as `EmptySets.plate`."""
+    return request.context.sets.plate(request.camera) if request.context is not None else None
 
 
 def _filmed(request: RenderRequest) -> tuple[Footage, int]:

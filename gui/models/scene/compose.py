@@ -28,6 +28,10 @@ class SplatLayer:
     alpha: np.ndarray
     depth: np.ndarray
 
+    def over(self, behind: np.ndarray) -> np.ndarray:
+        """The splats over an image, (H, W, 3) float32 RGB in 0 to 1; may exceed 1."""
+        return self.image + (1 - self.alpha[..., None]) * behind
+
 
 def draw(gaussians: Gaussians, camera: Camera, background: Color) -> np.ndarray:
     """Render on the GPU if there is one: (height, width, 3) uint8 RGB, C order. Raises StudioError, see `rasterize`."""
@@ -81,14 +85,19 @@ def compose(background: Color, splats: SplatLayer | None, surfaces: Surfaces, fr
         blend(image, fragments)
     else:
         blend(image, fragments[behind])
-        image = splats.image.reshape(-1, 3) + (1 - splats.alpha.reshape(-1, 1)) * image
+        image = splats.over(image.reshape(height, width, 3)).reshape(-1, 3)
         front = solid_depth < splat_depth
         image[front & there] = solid[front & there]
         # lines on a surface in front of the splats were covered by it
         on_front = behind & (front & there)[fragments["pixel"]]
         blend(image, fragments[~behind | on_front])
+    return as_pixels(image).reshape(height, width, 3)
+
+
+def as_pixels(image: np.ndarray) -> np.ndarray:
+    """An image with values from 0 to 1, which are clipped to that, as uint8."""
     out: np.ndarray = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return out.reshape(height, width, 3)
+    return out
 
 
 def blend(image: np.ndarray, fragments: np.ndarray) -> None:
