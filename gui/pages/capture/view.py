@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import cv2
@@ -120,21 +121,12 @@ class CaptureView(StageView):
         context = self.workspace.context
         if context is None:
             return None
-        config = context.config
-        rig = context.take.rig
-        calibrated = modified(rig)
-        of = (context.take.root, config.capture, config.run.paths, self.garbage.stamp, calibrated)
+        take, config = context.take, context.config
+        of = (take.root, config.capture, config.run.paths, self.garbage.stamp, modified(take.rig))
         if self._reduced is None or self._reduced_of != of:
             self._reduced = None
             self.verdicts = {}
-            try:
-                footage = _footage(context, read_rig(rig) if calibrated else None)
-            except StudioError:
-                if not calibrated:
-                    raise
-                footage = _footage(context, None)  # cameras that no longer fit the footage: as before calibration
-                calibrated = 0
-            self._reduced, self._reduced_of = _Reduced(footage, calibrated > 0), of
+            self._reduced, self._reduced_of = _Reduced(*_footage(context)), of
         return self._reduced
 
     def forget(self) -> None:
@@ -276,13 +268,21 @@ class _Reduced:
         return self._kept.get_or_make(key, made)[0]
 
 
-def _footage(context: Inputs, rig: Rig | None) -> Footage:
-    """The footage with its problems, which are shown, and few decoded images."""
-    run = context.config.run
-    return open_footage(
-        context.capture, rig, strict=False, most_cached=DECODED_BYTES,
-        cache_folder=context.take.footage_cache, device=run.device, threads=run.thread_count,
-    )  # fmt: skip
+def _footage(context: Inputs) -> tuple[Footage, bool]:
+    """The footage with its problems, which are shown, and few decoded images; and whether it has the take's cameras,
+    which may no longer fit it."""
+    run, rig = context.config.run, context.take.rig
+
+    def opened(cameras: Rig | None) -> Footage:
+        return open_footage(
+            context.capture, cameras, strict=False, most_cached=DECODED_BYTES,
+            cache_folder=context.take.footage_cache, device=run.device, threads=run.thread_count,
+        )  # fmt: skip
+
+    if rig.is_file():
+        with suppress(StudioError):
+            return opened(read_rig(rig)), True
+    return opened(None), False
 
 
 def outlined(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -346,17 +346,15 @@ class FootageCheck:
         """Returns whether the masks were compared."""
 
         def progress(done: int, total: int, **figures: object) -> None:
-            if self._worker.closed:
-                raise Cancelled
+            self._go_on()
             self.words = f"checking the footage, {done} of {total} images"
 
-        rig = context.take.rig
-        footage = _footage(context, read_rig(rig) if rig.is_file() else None)
+        footage, calibrated = _footage(context)
         drift = ColorDrift()
         found = [*map(Problem.of, (*check_footage(footage, progress, drift=drift), *drift.messages()))]
-        why, verdicts = why_not_judged(footage, rig.is_file()), list[MaskVerdict]()
+        why, verdicts = why_not_judged(footage, calibrated), list[MaskVerdict]()
         for number, frame in enumerate(footage.frames * (not why)):
-            progress(number, len(footage.frames))
+            self._go_on()
             self.words = f"comparing the masks, {number + 1} of {len(footage.frames)} frames"
             verdicts += [verdict for verdict in judged(footage, frame) if verdict.wrong]
         for at in sorted(verdicts, key=lambda verdict: -verdict.lacks - verdict.more):
@@ -364,7 +362,7 @@ class FootageCheck:
         grades = ""
         if not found:
             self.words = "measuring time, cameras, masks and color"
-            card = measure(footage if rig.is_file() else with_camera_file(footage), self._go_on).card
+            card = measure(footage if calibrated else with_camera_file(footage), self._go_on).card
             found = [Problem(check.line) for check in card.checks if check.grade in ("wrong", "doubtful")]
             grades = "; ".join(f"{check.name}: {check.grade}" for check in card.checks)
         self.problems = found
