@@ -24,7 +24,7 @@ from v3studio.studio.errors import StudioError
 
 Row = tuple[str, str]
 
-OVER = "Trained / decoded. Masked: over black, in the performer's box."
+OVER = "Trained / decoded, PSNR in dB. Masked: over black, in the performer's box."
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def review_blocks(player: PlayerPresenter, evaluation: Evaluation, marks: Marks,
     figures, whose = evaluation.figures(frame, camera)
     rows = []
     for metric in EVALUATED:
-        trained, decoded = (figures.get(f"{metric.name}_{what}") for what in (What.TRAINED, What.DECODED))
-        if trained is not None or decoded is not None:
-            rows.append((metric.title, f"{metric.text(trained, unit=False)} / {metric.text(decoded)}"))
+        values = [figures.get(f"{metric.name}_{what}") for what in (What.TRAINED, What.DECODED)]
+        if values != [None, None]:
+            rows.append((metric.title, " / ".join(metric.text(value, unit=False) for value in values)))
     row = evaluation.frames.get(frame)
     if row is not None:
         rows.append(("size", f"{row.bytes / 1000:.1f} KB"))

@@ -10,6 +10,8 @@ import pytest
 from tests.support.errors import refuses
 from tests.support.players import picture_of, settle
 from v3studio.gui.actions.marks import show_view, view_of
+from v3studio.gui.drawing.canvas import text_width
+from v3studio.gui.layout import RIGHT
 from v3studio.gui.models.evaluation import Evaluation
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.image_zoom import ImageZoom
@@ -120,10 +122,12 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished:
     settle(player)
     shown = {block.title: dict(block.rows) for block in review_blocks(player, evaluation, Marks(None))}
     quality = shown["Quality, mean of held-out cameras"]
-    assert quality["masked PSNR"] == f"{row['psnr_trained']:.2f} / {row['psnr_decoded']:.2f} dB"
+    assert quality["masked PSNR"] == f"{row['psnr_trained']:.2f} / {row['psnr_decoded']:.2f}"
     assert quality["SSIM"] == f"{row['ssim_trained']:.4f} / {row['ssim_decoded']:.4f}"
     assert quality["size"] == f"{row['bytes'] / 1000:.1f} KB"
     assert shown["Frame"]["splats"] == f"{row['splats']:,}"
+    wide = [text_width(name, 14) + text_width(value, 14) for name, value in quality.items()]
+    assert max(wide) <= (RIGHT - 1.8) * 16, "no value is cut in a panel of the least width"
     assert evaluation.series("psnr_decoded", 7) == [*(frame["psnr_decoded"] for frame in written["frames"]), None, None]
     vars(player.context)["edits"] = EditList().model_copy(update={"regions": (None,)})
     notes = [review_blocks(player, replace(evaluation, stale=stale), Marks(None))[1].note for stale in (False, True)]
