@@ -2,7 +2,6 @@
 
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
-from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +16,13 @@ from v3studio.gui.models.scene.reader import MOST_THUMBNAILS, SmallImages, small
 from v3studio.gui.models.scene.render import draw_contents, frusta_places
 from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.workspace import Workspace, modified
+from v3studio.gui.pages.calibrate.measured_cameras import MeasuredCameras, Verdict
 from v3studio.gui.pages.calibrate.rig_coverage import RigCoverage
 from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.report_table import CAMERA, Sorting, cells_text
 from v3studio.gui.pages.stage_view import OrbitView, Size, rectangle, shown_at
-from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.results.point_files import read_sparse_points, read_surface
-from v3studio.pipelines.takes.results.stage_files import (
-    CamerasFromFile,
-    CheckedCameras,
-    InitialPointsReport,
-    checked_cameras,
-)
+from v3studio.pipelines.takes.results.stage_files import CamerasFromFile
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CalibrationReport, CameraReport
 from v3studio.studio.camera_files import read_rig
@@ -38,24 +32,10 @@ from v3studio.studio.errors import StudioError
 from v3studio.studio.memory_cache import MemoryCache
 from v3studio.studio.own_frame import in_own_frame
 
-
-class Verdict(Enum):
-    """Whether a camera is right: in words, and as a color."""
-
-    AGREES = ("agrees with the others", GOOD)
-    WORSE = ("measured worse than the others: Report", FAIR)
-    DISAGREES = ("disagrees with the others", BAD)
-    FEW = ("too few matches to decide", FAIR)
-    UNKNOWN = ("not checked yet: Initialize does that", SECOND)
-
-
 GRADES: dict[str, RGB] = {"good": GOOD, "usable": FAIR, "wrong": BAD}
 TRAINING: tuple[str, RGB] = ("training cameras", SECOND)
 NOT_TRAINED_ON: tuple[str, RGB] = ("held out: not trained on, quality is measured with them", HELD_OUT)
 NONE_HELD_OUT = "no camera is held out: Capture > Cameras"
-
-WORSE, WRONG = 2.0, 3.0
-"""Errors of a camera, relative to the median of all and to what is small, from which it is worse, and disagrees."""
 
 COLUMNS = ("error px", "points", "coverage", "focal px", "matches fit", "mask error", "refined by")
 PLACES = dict(zip(COLUMNS, (0.31, 0.4, 0.51, 0.6, 0.74, 0.87, 1.0), strict=True))
@@ -72,9 +52,7 @@ class CalibrateView(OrbitView):
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
         self._read_of: Hashable = None
-        self._checked = CheckedCameras(None, None, None)
-        self._mask_errors: dict[str, float] = {}
-        self._apart: dict[str, float] = {}  # the largest error of each camera, relative to what is usual
+        self._measured = MeasuredCameras()
         self._points: list[Cloud] = []
         self._thumbnails: SmallImages = MemoryCache(MOST_THUMBNAILS)
         self._coverage: RigCoverage | None = None
@@ -93,8 +71,9 @@ class CalibrateView(OrbitView):
     @property
     def blocks(self) -> Sequence[Block]:
         """Return how well the cameras cover the performer, and what the reader of their file assumed."""
-        covered, report = self._coverage, self._checked.report
-        blocks = [Block("Are they right?", [], "\n".join(self._checked.sentences))] if report is not None else []
+        covered, checked = self._coverage, self._measured.checked
+        report = checked.report
+        blocks = [Block("Are they right?", [], "\n".join(checked.sentences))] if report is not None else []
         blocks += [covered.block] if covered is not None else []
         if isinstance(report, CamerasFromFile) and report.notes:
             blocks.append(Block("Camera file", [], "\n".join(report.notes)))
@@ -115,7 +94,7 @@ class CalibrateView(OrbitView):
         if take is None or not take.rig.is_file():
             # or the inspector would show those of the last take
             self._coverage = self._coverage_of = self._read_of = None
-            self._checked = CheckedCameras(None, None, None)
+            self._measured = MeasuredCameras()
             raise StudioError("take.no_cameras", "no cameras yet", stage="calibrate")
         self._read(take)
         self._cover(take)
@@ -126,8 +105,7 @@ class CalibrateView(OrbitView):
         if stamp == self._read_of:
             return
         self._rig = in_own_frame(read_rig(take.rig))
-        self._checked = checked_cameras(take)
-        self._measure(take)
+        self._measured = MeasuredCameras.read(take, self._rig)
         self._points = []
         if take.calibration_points.is_file():
             self._points.append(cloud(*read_sparse_points(take.calibration_points, take.rig)))
@@ -169,51 +147,8 @@ class CalibrateView(OrbitView):
 
     def _figures(self, name: str) -> CameraReport | None:
         """The report on a camera; None if the cameras are from a file."""
-        report = self._checked.report
+        report = self._measured.checked.report
         return report.cameras.get(name) if isinstance(report, CalibrationReport) else None
-
-    def _verdict(self, name: str) -> Verdict:
-        """Whether a camera is right."""
-        verdict = self._checked.verdict
-        if verdict is None:
-            return Verdict.UNKNOWN
-        if name in verdict.doubtful:
-            return Verdict.DISAGREES
-        checked = verdict.cameras.get(name)
-        if verdict.grade == "wrong" and "cameras" in verdict.blamed:
-            return Verdict.DISAGREES
-        far = self._apart.get(name, 0.0)
-        if far > WORSE:
-            return Verdict.DISAGREES if far > WRONG else Verdict.WORSE
-        decided = checked is not None and (checked.fits, checked.mask_error) != (None, None)
-        return Verdict.AGREES if decided else Verdict.FEW
-
-    def _measure(self, take: Take) -> None:
-        """Note the error of each camera's masks, in the worst group if hulls have been compared with them, else that of
-        the verdict; and by how much each camera's errors exceed those of the others."""
-        verdict, group = self._checked.verdict, 0
-        checks = verdict.cameras if verdict is not None else {}
-        masks = {name: check.mask_error for name, check in checks.items() if check.mask_error is not None}
-        with suppress(StudioError):  # damaged; Initialize shows the error
-            while (path := take.initialize_group(group) / "report.json").is_file():
-                for name, share in read_model(path, InitialPointsReport).disagreement.items():
-                    masks[name] = max(masks.get(name, 0.0), share) if group else share
-                group += 1
-        self._mask_errors, report = masks, self._checked.report
-        cameras = report.cameras if isinstance(report, CalibrationReport) else {}
-        focal = {camera.name: camera.fx / camera.width for camera in self._rig}
-        usual = float(np.median(list(focal.values())))
-        measured = (
-            ({name: figures.mean for name, figures in cameras.items()}, 1.0),
-            (masks, 0.12),
-            ({name: abs(value / usual - 1) for name, value in focal.items()}, 0.1),
-            ({name: 1 - check.fits for name, check in checks.items() if check.fits is not None}, 0.2),
-        )
-        self._apart = {}
-        for errors, small in measured:
-            most = max(float(np.median(list(errors.values()))), small) if errors else small
-            for name, error in errors.items():
-                self._apart[name] = max(self._apart.get(name, 0.0), error / most)
 
     def _scene(self, size: Size) -> np.ndarray:
         assert self.home is not None
@@ -223,7 +158,7 @@ class CalibrateView(OrbitView):
         held_out = held_out_cameras(context)
         cameras = []
         for camera in self._rig:
-            color = self._verdict(camera.name).value[1] if covered is None else SECOND
+            color = self._measured.verdict(camera.name).value[1] if covered is None else SECOND
             if camera.name in held_out:
                 color = HELD_OUT
             if camera.name == self.camera:
@@ -253,7 +188,7 @@ class CalibrateView(OrbitView):
         if covered is not None:
             entries = [*covered.legend, TRAINING]
         else:
-            verdicts = {self._verdict(camera.name) for camera in self._rig}
+            verdicts = {self._measured.verdict(camera.name) for camera in self._rig}
             entries = [verdict.value for verdict in Verdict if verdict in verdicts]
         entries.append(NOT_TRAINED_ON if held_out else (NONE_HELD_OUT, GROUND))  # no dot, as it has no color
         for number, (words, color) in enumerate(entries):
@@ -268,7 +203,8 @@ class CalibrateView(OrbitView):
         normal, em = round(0.95 * self.em), self.em
         step = line_height(normal)
         y = em
-        report, verdict = self._checked.report, self._checked.verdict
+        checked = self._measured.checked
+        report, verdict = checked.report, checked.verdict
         source = (report.source if report is not None else None) or "an unknown source"
         source = "a file" if isinstance(report, CamerasFromFile) else source
         facts = [counted(len(self._rig), "camera"), f"from {source}"]
@@ -280,7 +216,7 @@ class CalibrateView(OrbitView):
         canvas.text(em, y, ", ".join(facts), normal, TEXT, width=size[0] - 2 * em)
         y += step
         color = DIM if verdict is None else GRADES[verdict.grade]
-        for sentence in self._checked.sentences:
+        for sentence in checked.sentences:
             canvas.text(em, y, sentence, normal, color, width=size[0] - 2 * em)
             y += step
             color = DIM
@@ -308,7 +244,7 @@ class CalibrateView(OrbitView):
             places.append((camera.name, rectangle(0, y, size[0], step)))
             if camera.name == self.camera:
                 canvas.rect(0.2 * em, y, size[0] - 0.4 * em, step, RAISED)
-            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._verdict(camera.name).value[1])
+            canvas.dot(em, y + 0.6 * normal, 0.22 * em, self._measured.verdict(camera.name).value[1])
             label = f"{camera.name}, held out" if camera.name in held_out else camera.name
             canvas.text(1.7 * em, y, label, normal, TEXT, width=PLACES[COLUMNS[0]] * wide - 5 * em)
             for title, words in columns.items():
@@ -360,12 +296,13 @@ class CalibrateView(OrbitView):
 
     def _checks(self, name: str) -> list[str]:
         """The last three columns of a camera."""
-        verdict, refinement = self._checked.verdict, self._checked.refinement
+        verdict, refinement = self._measured.checked.verdict, self._measured.checked.refinement
         checked = verdict.cameras.get(name) if verdict is not None else None
         change = refinement.cameras.get(name) if refinement is not None else None
+        mask_error = self._measured.mask_errors.get(name)
         return [
             "" if checked is None or checked.fits is None else f"{checked.fits:.0%} of {checked.matches}",
-            f"{self._mask_errors[name]:.0%}" if name in self._mask_errors else "",
+            "" if mask_error is None else f"{mask_error:.0%}",
             "" if change is None else f"{change.degrees:.2f}\N{DEGREE SIGN}, {change.distance:.3g}",
         ]
 

@@ -2,11 +2,13 @@ import json
 from pathlib import Path
 
 from v3studio.gui.models.take.workspace import Workspace
-from v3studio.gui.pages.calibrate.view import CalibrateView, Verdict
+from v3studio.gui.pages.calibrate.measured_cameras import MeasuredCameras, Verdict
+from v3studio.gui.pages.calibrate.view import CalibrateView
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.takes.results.stage_files import CameraChange, CameraRefinement, InitialPointsReport
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CameraVerdict, RigVerdict
+from v3studio.studio.camera_files import read_rig
 
 SIZE = (900, 600)
 
@@ -44,10 +46,9 @@ def test_it_shows_matches_masks_and_what_refinement_changed(workspace: Workspace
     assert view.draw(SIZE, view.state()).shape == table.shape
 
 
-def test_a_dot_is_of_the_measured_error_of_its_camera(workspace: Workspace, take_copy: Path) -> None:
+def test_a_dot_is_of_the_measured_error_of_its_camera(take_copy: Path) -> None:
     take = Take.open(take_copy)
-    workspace.open(take)
-    view, path = CalibrateView(workspace), take.initialize_group(0) / "report.json"
+    path = take.initialize_group(0) / "report.json"
     fine = CameraVerdict(matches=120, fits=0.9, mask_error=0.05)
     names = [f"cam{number}" for number in range(6)]
     verdict = RigVerdict(grade="good", reason="", cameras=dict.fromkeys(names, fine))
@@ -59,8 +60,8 @@ def test_a_dot_is_of_the_measured_error_of_its_camera(workspace: Workspace, take
     report = read_model(path, InitialPointsReport)
     errors = {**dict.fromkeys(names, 0.05), "cam3": 0.3, "cam2": 0.5}
     write_model(path, report.model_copy(update={"disagreement": errors}))
-    view.draw(SIZE, view.state())
-    dots = {name: view._verdict(name) for name in names}
+    measured = MeasuredCameras.read(take, read_rig(take.rig))
+    dots = {name: measured.verdict(name) for name in names}
     assert dots["cam3"] == Verdict.WORSE
     assert dots["cam2"] == dots["cam4"] == Verdict.DISAGREES
     assert dots["cam0"] == dots["cam1"] == Verdict.AGREES
