@@ -147,6 +147,8 @@ def check_footage(
                 image = footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
                 if not masked or camera in unmasked:
                     continue
+                # first, since `mask` lets go of the raw mask
+                beyond = footage.beyond_view(camera, frame) if drift is not None else 0.0
                 mask = footage.mask(camera, frame)
             except StudioError as error:
                 own.errors.append(error.message)
@@ -155,7 +157,7 @@ def check_footage(
                     break
                 continue
             if drift is not None:
-                drift.see(camera, frame, image, mask, footage.beyond_view(camera, frame))
+                drift.see(camera, frame, image, mask, beyond)
             share = float((mask >= 128).mean())
             if share < _EMPTY:
                 own.empty.append(frame)

@@ -260,7 +260,7 @@ class Footage:
         return self._cache.get_or_make(("raw", camera, frame), lambda _: (source.read(frame),))[0]
 
     def _raw_mask(self, camera: str, frame: int) -> np.ndarray:
-        """The array that `raw_mask` copies; it is cached only if both the image and the mask need it."""
+        """The array that `raw_mask` copies; it is cached only if the image or `beyond_view` needs it, too."""
         key = ("raw mask", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
@@ -271,7 +271,7 @@ class Footage:
             mask = self.mask_source.mask(camera, frame, raw)
             inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
             cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)
-            if isinstance(self.mask_source, Recolors):
+            if isinstance(self.mask_source, Recolors) or self._warp(camera).source.fisheye:
                 self._cache.put(key, cached)
         return cached[0]
 

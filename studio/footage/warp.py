@@ -3,6 +3,7 @@ footage's size."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -111,7 +112,7 @@ class Warp:
         import cv2
 
         if self.source.fisheye:
-            return _fisheye_maps(self.source)
+            return _fisheye_maps(self.source, self._straight)
         K, skew = self._straight.cv2_K, self.source.K[0, 1]
         size, kind = (self.source.width, self.source.height), cv2.CV_32FC1 if skew else cv2.CV_16SC2
         first, second = cv2.initUndistortRectifyMap(K, self.source.distortion, None, K, size, kind)
@@ -122,14 +123,18 @@ class Warp:
 
     def beyond(self, mask: np.ndarray) -> float:
         """The fraction of the pixels of a raw mask, (H, W) uint8, that lie beyond the edge of a fisheye's view."""
-        rows, columns = np.nonzero(mask[::_STEP, ::_STEP] >= 128)
-        if not len(rows):
-            return 0.0
-        view = self.source.undistorted()
-        rays = self.source.normalized(_STEP * np.column_stack([columns, rows]) + 0.5)
+        performer = mask[::_STEP, ::_STEP] >= 128
+        return float(1 - self._in_view[performer].mean()) if performer.any() else 0.0
+
+    @cached_property
+    def _in_view(self) -> np.ndarray:
+        """(h, w) bool: pixels of every fourth row and column of a fisheye's raw images that its view shows."""
+        view = self._straight
+        rows, columns = np.mgrid[: self.source.height : _STEP, : self.source.width : _STEP]
+        rays = self.source.normalized(np.column_stack([columns.ravel(), rows.ravel()]) + 0.5)
         pixels = rays * [view.fx, view.fy] + view.K[:2, 2]
         inside = (pixels >= 0).all(1) & (pixels <= [view.width, view.height]).all(1)  # NaN is outside
-        return float(1 - inside.mean())
+        return np.asarray(inside.reshape(rows.shape))
 
     def apply(self, raw: np.ndarray, maps: tuple[np.ndarray, np.ndarray] | None, smooth: bool) -> np.ndarray:
         """Undistort and scale (H, W, 3) or (H, W) uint8 at the footage's size to the size of `camera`; pixels outside
@@ -149,10 +154,9 @@ class Warp:
         return image
 
 
-def _fisheye_maps(source: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _fisheye_maps(source: Camera, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     import cv2
 
-    view = source.undistorted()
     maps = np.empty((view.height, view.width, 2), np.float32)
     x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     for row in range(view.height):  # a whole 4K image takes gigabytes

@@ -1,8 +1,15 @@
-"""Colors of the set that change during a take."""
+"""Colors of the set that change during a take, and performers beyond the view of a fisheye."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from v3studio.studio.cameras import Rig
+from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.footage import check_footage, open_footage
 from v3studio.studio.footage.checks import ColorDrift
 
 FRAMES = range(10, 22)
@@ -47,3 +54,22 @@ def test_a_performer_beyond_the_view_is_told() -> None:
     (message,) = drift.messages()
     assert (message.code, message.value) == ("mask.beyond_view", 0.2)
     assert message.fields == {"camera": "cam1", "frames": (4, 5)}
+
+
+def test_a_mask_of_a_fisheye_is_read_once(
+    tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("cam1", "cam2"):
+        make.image(tmp_path / "images" / name / "0.png", make.numbered(200))
+        make.image(tmp_path / "masks" / name / "0.png", 255 * (make.numbered(200) > 100).astype(np.uint8))
+    lens = make.camera("cam1", fisheye=True)
+    footage = open_footage(CaptureSettings(root=tmp_path), Rig((lens, replace(lens, name="cam2"))))
+    mask, read = footage.mask_source.mask, list[str]()
+
+    def counted(camera: str, frame: int, image: np.ndarray) -> np.ndarray:
+        read.append(camera)
+        return mask(camera, frame, image)
+
+    monkeypatch.setattr(footage.mask_source, "mask", counted)
+    assert check_footage(footage, drift=ColorDrift()) == []
+    assert sorted(read) == ["cam1", "cam2"]
