@@ -51,7 +51,7 @@ class StageRow:
     detail: str = ""
     setting: str = ""
     fraction: float | None = None
-    doubtful: bool = False  # it is done, but `detail` says what is wrong with the result
+    doubts: tuple[str, ...] = ()  # it is done, but these sentences say what may be wrong with the result
 
     @property
     def title(self) -> str:
@@ -59,7 +59,7 @@ class StageRow:
 
     @property
     def color(self) -> RGB:
-        return FAIR if self.doubtful else STATE_COLORS[self.state]
+        return FAIR if self.doubts else STATE_COLORS[self.state]
 
 
 @dataclass(frozen=True)

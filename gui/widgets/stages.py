@@ -313,7 +313,7 @@ def list_image(rows: Sequence[StageRow], selected: str, width: int, em: float) -
         words = row.words
         if text_width(words, small) > room and "," in words:
             words = words.split(",")[0]
-        plain = row.state in (State.DONE, State.MISSING, State.WAITING) and not row.doubtful
+        plain = row.state in (State.DONE, State.MISSING, State.WAITING) and not row.doubts
         color = DIM if plain else color
         canvas.text(width - 0.6 * em, middle - 0.62 * small, words, small, color, align="right", width=room)
         if row.state == State.RUNNING:

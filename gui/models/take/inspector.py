@@ -13,7 +13,6 @@ from v3studio.gui.models.evaluation import DECODED, Evaluation
 from v3studio.gui.models.marks import Marks
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.stage_rows import stage_name
-from v3studio.gui.models.take.doubts import doubts
 from v3studio.gui.models.take.run_state import percent
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.pipelines.reports.terminal import duration
@@ -151,8 +150,8 @@ def run_blocks(workspace: Workspace, stage: str) -> list[Block]:
             rows.append(("footage", row.words))
         summary = status.summary if status is not None else None
         blocks.append(Block(row.title, rows, summary_words(stage, summary) if summary else ""))
-        if status is not None and row.doubtful:
-            blocks.insert(0, Block("Warnings", [], "\n".join(doubts(status.warnings))))
+        if row.doubts and stage != "capture":
+            blocks.insert(0, Block("Warnings", [], "\n".join(row.doubts)))
     return blocks
 
 

@@ -295,14 +295,15 @@ class Workspace:
         judged = initialized is not None and initialized.state == State.DONE  # it refuses what is wrong, and warns
         judged |= self.masks_judged == self.context.config.capture or self.context.config.capture.masks == "none"
         told = wrong[0] if wrong else "" if judged else NOT_JUDGED
-        return StageRow("capture", State.DONE, words, told, doubtful=bool(told))
+        return StageRow("capture", State.DONE, words, told, doubts=(told,) if told else ())
 
     def _done(self, key: str, warnings: Sequence[Warned], detail: str = "") -> StageRow:
         """The row of a finished stage; with warnings, the worst of them."""
         if not warnings:
             return StageRow(key, State.DONE, "done", detail)
-        words, setting = counted(len(warnings), "warning"), REMEDIES.get(worst_first(warnings)[0].code, "")
-        return StageRow(key, State.DONE, words, doubts(warnings)[0], setting, doubtful=True)
+        words, told = counted(len(warnings), "warning"), doubts(warnings)
+        setting = REMEDIES.get(worst_first(warnings)[0].code, "")
+        return StageRow(key, State.DONE, words, told[0], setting, doubts=told)
 
     # Running
 

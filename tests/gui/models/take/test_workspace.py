@@ -219,7 +219,7 @@ def test_warnings_of_a_stage_are_there_after_reopening_until_it_runs_without_the
     workspace.open(take)
     wait_in_loop("assessed", lambda: workspace.checked)
     row = workspace.row("initialize")
-    assert (row.state, row.doubtful, row.color) == ("done", True, FAIR)
+    assert (row.state, bool(row.doubts), row.color) == ("done", True, FAIR)
     assert row.detail == warning["message"], "the worst"
     assert row.setting == "capture.mask_sensitivity"
     card = describe(str(take_copy))

@@ -42,7 +42,7 @@ def take(tmp_path: Path) -> Take:
 def test_masks_are_judged_before_training_and_the_worst_comes_first(workspace: Workspace, take: Take) -> None:
     workspace.open(take)
     wait_in_loop("the take", lambda: workspace.checked)
-    assert workspace.row("capture").doubtful, "nobody has looked at the masks"
+    assert workspace.row("capture").doubts, "nobody has looked at the masks"
     view, names = CaptureView(workspace), [f"cam{number}" for number in range(10)]
 
     def drawn(frame: int) -> list[str]:
@@ -69,4 +69,4 @@ def test_masks_are_judged_before_training_and_the_worst_comes_first(workspace: W
     workspace.change_settings({"capture.scale": 0.5})
     view.state()
     assert not view.footage_check.problems, "they were about other settings"
-    assert workspace.row("capture").doubtful
+    assert workspace.row("capture").doubts
