@@ -29,6 +29,8 @@ from v3studio.studio.stream.publish import publish as publish_stream
 MAX_SINGLE_FILE_BYTES = 32_000_000
 """Largest stream that is put into one file: a browser holds the whole page in memory several times."""
 
+SINGLE_FILE_ENDINGS = (".html", ".htm")  # of names that are taken for those of single files
+
 _MARK = f'<meta name="generator" content="{GENERATOR}'.encode()
 _HOLDER = "v3-stream"  # id of the element that holds the stream's files
 _ENDS_SCRIPT = re.compile(r"<(?=/script|!--)", re.IGNORECASE)
@@ -116,7 +118,7 @@ def share(
     """
     source = os.fspath(source)
     out = Path(out).expanduser().absolute()
-    single_file = out.suffix.lower() in (".html", ".htm")
+    single_file = out.suffix.lower() in SINGLE_FILE_ENDINGS
     check_output(out, overwrite, _is_shared_file if single_file else is_shared_folder)
     if is_cast(source):
         if single_file:

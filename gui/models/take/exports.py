@@ -70,7 +70,7 @@ class ExportRequest(NamedTarget):
 
     @property
     def ending(self) -> str | None:
-        return FORMATS[self.kind][1] if self.kind in (*MOVIES, "v3") else None
+        return EXPORTS[self.kind].suffix if EXPORTS[self.kind].holds in ("movie", "stream") else None
 
     @property
     def chosen(self) -> range | None:

@@ -7,16 +7,13 @@ from typing import ClassVar
 from v3studio.gui.drawing.palette import State
 from v3studio.gui.models.take.page_words import why_not_done
 from v3studio.pipelines.runs.staleness import StageStatus
-from v3studio.pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, ShareSize
+from v3studio.pipelines.share.sharing import MAX_SINGLE_FILE_BYTES, SINGLE_FILE_ENDINGS, ShareSize
 from v3studio.studio.counts import counted, size_words
 
 FORMS: dict[str, tuple[str, str]] = {  # label, and what the name of the file or folder ends in
     "folder": ("Folder for a web server", "-share"),
     "single-file": ("Single HTML file", ".html"),
 }
-
-FILE_ENDINGS = (".html", ".htm")
-"""Names that `v3studio share` takes for those of single files."""
 
 PHONES = {  # what viewers need
     "folder": "Upload the folder to any web server, under any path.\n"
@@ -63,7 +60,7 @@ class NamedTarget:
         path, ending = Path(self.target.strip()).expanduser().absolute(), self.ending
         if ending:
             return path if path.suffix.lower() == ending else path.with_name(path.name + ending)
-        return path.with_suffix("") if ending == "" and path.suffix.lower() in FILE_ENDINGS else path
+        return path.with_suffix("") if ending == "" and path.suffix.lower() in SINGLE_FILE_ENDINGS else path
 
     def set_target(self, text: str) -> None:
         self._target = "" if text.strip() == self.target else text
