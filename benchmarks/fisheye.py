@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from v3studio.studio.camera_files import read_rig, write_rig
-from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.cameras import Camera, Rig, distorted
 
 KINDS = (np.array([0.03, -0.008, 0.001, 0.0]), np.array([-0.02, 0.004, -0.001, 0.0002]))
 BOX = np.array([7.0, 7.0, 4.0])  # half the sides in meters, around (0, 0, 1.5)
@@ -29,10 +29,8 @@ PATTERN = cv2.resize(
 def fisheye(camera: Camera, number: int) -> Camera:
     """The lens of 130 degrees across with the focal length of `camera`."""
     distortion = KINDS[number % 2]
-    theta = np.radians(65)
-    s = theta**2
-    reach = theta * (1 + s * (distortion[0] + s * (distortion[1] + s * (distortion[2] + s * distortion[3]))))
-    width = 2 * round(camera.fx * reach)
+    reach = distorted(np.array([[np.tan(np.radians(65)), 0.0]]), distortion, True)[0, 0]
+    width = 2 * round(camera.fx * float(reach))
     height = 2 * round(width * camera.height / camera.width / 2)
     K = np.array([[camera.fx, 0, width / 2 + 4], [0, camera.fx, height / 2 - 3], [0, 0, 1]])
     return Camera(camera.name, width, height, K, camera.world_to_camera, distortion, fisheye=True)

@@ -205,18 +205,10 @@ class Camera:
         local = points @ self.rotation.T + self.translation
         depth = local[:, 2]
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
-        if self.is_pinhole or self.fisheye:
-            xy = local[:, :2] / safe[:, None]
-            xy = fisheye_distorted(xy, self.distortion) if self.fisheye else xy
-            pixels = xy @ self.K[:2, :2].T + self.K[:2, 2]
-        else:
-            import cv2
-
-            normalized = np.column_stack([local[:, :2] / safe[:, None], np.ones(len(local))])
-            pixels, _ = cv2.projectPoints(normalized, np.zeros(3), np.zeros(3), self.K, self.distortion)
-            pixels = pixels.reshape(-1, 2)
-            pixels[:, 0] += self._skew(pixels[:, 1])
-        return pixels, depth
+        xy = local[:, :2] / safe[:, None]
+        if not self.is_pinhole:
+            xy = distorted(xy, self.distortion, self.fisheye)
+        return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
 
     def normalized(self, pixels: np.ndarray) -> np.ndarray:
         """(N, 2) float64 image coordinates x / z, y / z in camera axes of (N, 2) pixels, origin at the image corner;
@@ -225,7 +217,7 @@ class Camera:
         pixels = np.asarray(pixels, np.float64).reshape(-1, 2)
         if self.is_pinhole or self.fisheye:
             result: np.ndarray = np.linalg.solve(self.K, np.column_stack([pixels, np.ones(len(pixels))]).T)[:2].T
-            return fisheye_undistorted(result, self.distortion) if self.fisheye else result
+            return _fisheye_undistorted(result, self.distortion) if self.fisheye else result
         import cv2
 
         rays = np.full_like(pixels, np.nan)
@@ -233,15 +225,10 @@ class Camera:
         if known.any():
             until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
             bent = pixels[known]
-            bent[:, 0] -= self._skew(bent[:, 1])
+            bent[:, 0] -= self.K[0, 1] / self.fy * (bent[:, 1] - self.cy)  # skew, which OpenCV ignores
             points = cv2.undistortPoints(bent[:, None], self.K, self.distortion, criteria=until)
             rays[known] = points.reshape(-1, 2)
         return rays
-
-    def _skew(self, rows: np.ndarray) -> np.ndarray:
-        """By how many pixels points at these rows are shifted by the skew, which OpenCV ignores with distortion."""
-        skewed: np.ndarray = self.K[0, 1] / self.fy * (rows - self.cy)
-        return skewed
 
     def unproject(self, pixels: np.ndarray, depth: float | np.ndarray = 1.0) -> np.ndarray:
         """The (N, 3) world points that `project` maps to (N, 2) pixels and depths, one or (N,); NaN if those are."""
@@ -504,27 +491,37 @@ class FootageView:
 # place (u, v) there, with s = u^2 + v^2, is then multiplied by 1 + k1 s + k2 s^2 + k3 s^3 + k4 s^4, and shifted.
 
 
-def fisheye_distorted(points: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
-    """(..., 2) places in the image, in focal lengths from the principal point, of (..., 2) `points` x / z, y / z."""
-    radius = np.linalg.norm(points, axis=-1, keepdims=True)
-    straight = points * np.where(radius > 1e-9, np.arctan(radius) / np.maximum(radius, 1e-9), 1.0)
-    bent: np.ndarray = straight * _stretch((straight**2).sum(-1, keepdims=True), coefficients)
-    return bent + _shift(straight, coefficients)
+def distorted(points: np.ndarray, coefficients: np.ndarray, fisheye: bool) -> np.ndarray:
+    """(N, 2) places in the image, in focal lengths from the principal point, of (N, 2) `points` x / z, y / z.
+    `coefficients`: `Camera.distortion`, not empty."""
+    if fisheye:
+        return _fisheye_distorted(points, coefficients)
+    import cv2
+
+    rays = np.column_stack([points, np.ones(len(points))])
+    return np.asarray(cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), coefficients)[0].reshape(-1, 2))
 
 
-def fisheye_undistorted(points: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Invert `fisheye_distorted`; NaN for directions at 90 degrees from the axis or more, and where it has no
+def _fisheye_undistorted(points: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Invert `distorted` for a fisheye; NaN for directions at 90 degrees from the axis or more, and where it has no
     inverse."""
     straight = np.asarray(points, np.float64)
     for _ in range(_STEPS if np.any(coefficients[4:]) else 1):
         straight = _with_angles(points - _shift(straight, coefficients), coefficients)
     theta = np.linalg.norm(straight, axis=-1, keepdims=True)
     result = straight * np.where(theta > 1e-9, np.tan(theta) / np.maximum(theta, 1e-9), 1.0)
-    off = np.abs(fisheye_distorted(result, coefficients) - points).max(-1, keepdims=True)
+    off = np.abs(_fisheye_distorted(result, coefficients) - points).max(-1, keepdims=True)
     return np.where((theta < np.pi / 2) & (off < 1e-6), result, np.nan)
 
 
-def _with_angles(points: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+def _fisheye_distorted(points: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    radius = np.linalg.norm(points, axis=-1, keepdims=True)
+    straight = points * np.where(radius > 1e-9, np.arctan(radius) / np.maximum(radius, 1e-9), 1.0)
+    bent: np.ndarray = straight * _stretch((straight**2).sum(-1, keepdims=True), coefficients)
+    return bent + _shift(straight, coefficients)
+
+
+def _with_angles(points: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """The places that `_stretch` moves to `points`, by Newton's method along each radius."""
     wanted = np.linalg.norm(points, axis=-1, keepdims=True)
     k1, k2, k3, k4 = coefficients[:4]
@@ -537,13 +534,13 @@ def _with_angles(points: np.ndarray, coefficients: Sequence[float] | np.ndarray)
     return points * np.where(wanted > 1e-9, theta / np.maximum(wanted, 1e-9), 1.0)
 
 
-def _stretch(s: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+def _stretch(s: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     k1, k2, k3, k4 = coefficients[:4]
     stretch: np.ndarray = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))
     return stretch
 
 
-def _shift(straight: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
+def _shift(straight: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     if not np.any(coefficients[4:]):
         return np.zeros_like(straight)
     p1, p2, s1, s2 = coefficients[4:]

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from v3studio.studio.cameras import Camera, fisheye_distorted
+from v3studio.studio.cameras import Camera, distorted
 from v3studio.studio.validation import camera_error
 
 
@@ -161,7 +161,7 @@ def _fisheye_maps(source: Camera, view: Camera) -> tuple[np.ndarray, np.ndarray]
     x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     for row in range(view.height):  # a whole 4K image takes gigabytes
         y = (row + 0.5 - view.cy) / view.fy
-        bent = fisheye_distorted(np.column_stack([x, np.full_like(x, y)]), source.distortion)
+        bent = distorted(np.column_stack([x, np.full_like(x, y)]), source.distortion, True)
         maps[row] = bent @ source.K[:2, :2].T + source.K[:2, 2] - 0.5
     first, second = cv2.convertMaps(maps[..., 0].copy(), maps[..., 1].copy(), cv2.CV_16SC2)
     return first, second
