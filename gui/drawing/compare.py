@@ -146,9 +146,10 @@ def heat_map(
     `under`, an image in dark gray under the map. `text`: size of labels, pixels."""
     levels = difference(left, right)
     canvas = Canvas(*size)
-    shown, where, mean_level = heat(levels), " on the performer", mean_difference(left, right, background)
-    if under is not None:
-        shown = np.maximum(shown, (UNDER * under.mean(axis=2, keepdims=True)).astype(np.uint8))
+    if under is None:
+        shown, where, mean_level = heat(levels), " on the performer", mean_difference(left, right, background)
+    else:
+        shown = np.maximum(heat(levels), (UNDER * under.mean(axis=2, keepdims=True)).astype(np.uint8))
         where, mean_level = "", float(levels.mean())
     canvas.image(box.x, box.y, shown)
     pair, mean = f"{names[0]} and {names[1]}", f"mean {mean_level:.2f}"
