@@ -11,9 +11,10 @@ from v3studio.studio.edits import EditList
 from v3studio.studio.edits.edit_list import CropBox, Floaters
 
 CROP = EditList(crop=CropBox(center=(0, 0, 0), size=(1, 1, 1)))
+REGIONS = EditList().model_copy(update={"regions": (None,)})
 
 
-@pytest.mark.parametrize("edits", [CROP, EditList(floaters=Floaters(opacity=0.1)), EditList()])
+@pytest.mark.parametrize("edits", [CROP, REGIONS, EditList(floaters=Floaters(opacity=0.1)), EditList()])
 @pytest.mark.parametrize("state", ["done", "partial", "stale"])
 def test_what_edits_did_to_the_figures_is_said_once_they_are_measured(
     player: PlayerPresenter, edits: EditList, state: str

@@ -23,7 +23,6 @@ from v3studio.pipelines.takes.authored.marks import Mark, change_mark
 from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.results.evaluation import Contradiction
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.edits import EditList
 from v3studio.studio.errors import StudioError
 
 
@@ -129,10 +128,6 @@ def test_figures_are_those_of_evaluation_json(player: PlayerPresenter, finished:
     wide = [text_width(name, 14) + text_width(value, 14) for name, value in quality.items()]
     assert max(wide) <= (RIGHT - 1.8) * 16, "no value is cut in a panel of the least width"
     assert evaluation.series("psnr_decoded", 7) == [*(frame["psnr_decoded"] for frame in written["frames"]), None, None]
-    vars(player.context)["edits"] = EditList().model_copy(update={"regions": (None,)})
-    notes = [review_blocks(player, replace(evaluation, stale=stale), Marks(None))[1].note for stale in (False, True)]
-    assert "PSNR is lower" in notes[0]
-    assert "PSNR is lower" not in notes[1], "the earlier bake had it"
     figures, whose = evaluation.figures(3, "cam4")
     assert (whose, figures["psnr_decoded"]) == ("camera cam4", row["cameras"]["cam4"]["psnr_decoded"])
     assert evaluation.figures(99) == ({}, "")
