@@ -21,7 +21,7 @@ from v3studio.pipelines.config.presets import PRESETS, differing, preset_of
 from v3studio.studio.errors import StudioError
 
 _HINTS = {
-    "Check": "Read all images of the footage once and list those that are missing or cannot be read",
+    "Check": "Read all images of the footage once, compare the masks, and measure time, cameras and color",
     "Run": "Run this stage and the stages it depends on",
     "Run again": "Run this stage again",
     "Pause": "Suspend the run; it stays in memory until you resume it",

@@ -47,7 +47,7 @@ DECODED_BYTES = 64 * 1024 * 1024
 
 class CaptureView(StageView):
     """Thumbnails of all cameras, or one of them (`camera`; `image_at`: it, and where its image is), with masks or
-    without; and with garbage masks, which are drawn on one camera. `footage_check` decodes all of the footage."""
+    without; and with garbage masks, which are drawn on one camera. `footage_check` checks all of it."""
 
     modes = (ViewMode.MASKS, ViewMode.EVIDENCE, ViewMode.GARBAGE)
 
@@ -221,7 +221,7 @@ class CaptureView(StageView):
             self.garbage.right_click(camera, at.pixel(x, y), (at.width, at.height))
 
     def check(self) -> None:
-        """Decode all of the footage once and list problems, on a separate thread."""
+        """Check the footage, see `FootageCheck`, on a separate thread."""
         context = self.workspace.context
         if context is not None:
             self.footage_check.start(context)
