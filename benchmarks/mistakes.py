@@ -24,7 +24,7 @@ from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.card.card import Measured, measure_sample
-from v3studio.studio.card.colors import _DECODE_709
+from v3studio.studio.card.colors import DIFFERENCES
 from v3studio.studio.card.sample import read_sample
 from v3studio.studio.footage import Footage, open_footage
 from v3studio.studio.progress import no_progress
@@ -118,8 +118,9 @@ def mistakes(rig: dict[str, Camera], images: Images, masks: Images) -> Iterator[
         yield f"every {step} frames, none", "", Kept(rig, late(images, "", step), late(masks, "", step))
         yield f"one camera 1/{step} frame late", "late", Kept(rig, late(images, one, step), late(masks, one, step))
     yield "one camera drops frames", "rate", Kept(rig, thinned(images, one), thinned(masks, one))
-    # as if it was coded with BT.709 and read with BT.601
-    other = [np.clip(image @ np.linalg.inv(_DECODE_709).T, 0, 255).round().astype(np.uint8) for image in images[one]]
+    # as if it was coded with BT.709 and read with BT.601, the inverse of which undoes the opposite mistake
+    change = DIFFERENCES["matrix"][1]
+    other = [np.clip(change(image), 0, 255).round().astype(np.uint8) for image in images[one]]
     yield "one camera with another matrix", "matrix", Kept(rig, {**images, one: other}, masks)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from v3studio.studio.calibration.epipolar import PairMatches
+from v3studio.studio.chroma import LUMA_WEIGHTS
 
 LEAST_POINTS = 100  # matches of a camera that can tell
 _AROUND = 5  # pixels along the side of a patch whose mean is a point's color
@@ -14,15 +15,15 @@ _NEAR, _SURE = (0.75, 1.25), 8.0
 """A camera is off by a difference if it has this share of it, and so many times the uncertainty of that."""
 
 
-def _luma(red: float, blue: float) -> np.ndarray:
-    """(3, 3) RGB to luma and chroma, of the weights of red and blue (ITU-R BT.601 and BT.709)."""
-    weights = np.array([red, 1 - red - blue, blue])
+def _luma(standard: str) -> np.ndarray:
+    """(3, 3) RGB to luma and chroma."""
+    red, _, blue = weights = np.array(LUMA_WEIGHTS[standard])
     return np.stack(
         [weights, (np.array([0, 0, 1]) - weights) / (2 - 2 * blue), (np.array([1, 0, 0]) - weights) / (2 - 2 * red)]
     )
 
 
-_601, _709 = _luma(0.299, 0.114), _luma(0.2126, 0.0722)
+_601, _709 = _luma("bt601"), _luma("bt709")
 _DECODE_601: np.ndarray = np.linalg.inv(_601) @ _709
 _DECODE_709: np.ndarray = np.linalg.inv(_709) @ _601
 DIFFERENCES: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
