@@ -89,13 +89,13 @@ def found_lines(footage: Footage) -> tuple[str, ...]:
 
 
 def with_camera_file(footage: Footage) -> Footage:
-    """The footage, opened again with the cameras of its camera file, if it has one that fits it."""
-    try:
-        path = camera_file(footage.spec)
-        rig = None if path is None else rig_of_capture(path, footage)
-        return open_footage(footage.spec, rig, strict=False, without_masks=footage.without_masks if rig else ())
-    except StudioError:  # `found_lines` says why
-        return open_footage(footage.spec, None, strict=False)
+    """Footage that was opened without cameras, opened again with those of its camera file; itself if there is none.
+    Raises StudioError: the file cannot be read, or does not fit it."""
+    path = camera_file(footage.spec)
+    if path is None:
+        return footage
+    rig = rig_of_capture(path, footage)
+    return open_footage(footage.spec, rig, strict=False, without_masks=footage.without_masks)
 
 
 def _beside(footage: Footage, folders: re.Pattern[str]) -> tuple[str, ...]:

@@ -60,9 +60,8 @@ def _check(arguments: argparse.Namespace) -> int:
 def _check_footage(arguments: argparse.Namespace, folder: Path) -> int:
     """Check what a run would read: the footage, and with the camera file, if there is one."""
     from v3studio.pipelines.commands.common.source import read_settings
-    from v3studio.pipelines.inspection import found_lines
+    from v3studio.pipelines.inspection import found_lines, with_camera_file
     from v3studio.pipelines.reports.images import write_image
-    from v3studio.pipelines.stages.camera_file import camera_file, rig_of_capture
     from v3studio.studio.card import draw, measure
     from v3studio.studio.footage import check_footage, open_footage
 
@@ -72,10 +71,7 @@ def _check_footage(arguments: argparse.Namespace, folder: Path) -> int:
         problems = [str(problem) for problem in check_footage(footage, part_of(report, 0, 50))]
         lines = list(found_lines(footage))
         try:
-            path = camera_file(footage.spec)
-            rig = None if path is None else rig_of_capture(path, footage)
-            without_masks = footage.without_masks if rig else ()
-            with closing(open_footage(capture, rig, strict=False, without_masks=without_masks)) as calibrated:
+            with closing(with_camera_file(footage)) as calibrated:
                 if not problems:
                     measured = measure(calibrated, part_of(report, 50, 100))
                     write_image(picture, draw(measured))

@@ -362,7 +362,10 @@ class FootageCheck:
         grades = ""
         if not found:
             self.words = "measuring time, cameras, masks and color"
-            card = measure(footage if calibrated else with_camera_file(footage), self._go_on).card
+            if not calibrated:
+                with suppress(StudioError):  # the list of footage says what is wrong with the camera file
+                    footage = with_camera_file(footage)
+            card = measure(footage, self._go_on).card
             found = [Problem(check.line) for check in card.checks if check.grade in ("wrong", "doubtful")]
             grades = "; ".join(f"{check.name}: {check.grade}" for check in card.checks)
         self.problems = found
