@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -157,17 +158,20 @@ class EvaluatePlan:
         around = range(group.first - 1, group.first + len(group.frames) + 1)  # also the frames before and after it
         chosen = [int(self.footage.frames[index]) for index in around if index in self.baked]
 
-        def frames() -> Iterator[tuple[int, dict[str, CheckedView]]]:
+        def frames(pool: ThreadPoolExecutor) -> Iterator[tuple[int, dict[str, CheckedView]]]:
             for number, frame in enumerate(chosen):
                 views = {}
-                for place, name in enumerate(self.checked):
+                for place, view in enumerate(pool.map(partial(self._checked_view, frame=frame), self.checked)):
                     tick((number + place / len(self.checked)) / len(chosen))
-                    view = self.footage.view(name, frame)
-                    views[name] = CheckedView.of(view, self.inputs.sets.plate(name), self.inputs.capture)
+                    views[view.camera.name] = view
                 yield frame, views
 
-        wrong = contradicting_masks(frames())
+        with ThreadPoolExecutor(self.inputs.threads, thread_name_prefix="masks") as pool:
+            wrong = contradicting_masks(frames(pool))
         return tuple(Contradiction(**vars(each)) for each in wrong if each.frame in group.frames)
+
+    def _checked_view(self, camera: str, frame: int) -> CheckedView:
+        return CheckedView.of(self.footage.view(camera, frame), self.inputs.sets.plate(camera), self.inputs.capture)
 
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> EvaluationSummary:
