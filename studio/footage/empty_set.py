@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from v3studio.studio.masks.agreement.empty_set import cover
+from v3studio.studio.masks.agreement.empty_set import cover, median_outside
 from v3studio.studio.masks.clean_plate import Background
 from v3studio.studio.masks.filters import reduced
 from v3studio.studio.masks.mask_source import evenly_spaced
@@ -49,24 +49,11 @@ class EmptySets:
 def outside(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
     """The median of images (H, W, 3) uint8 outside of their masks (H, W) uint8 and of what these may lack: (H, W, 4)
     uint8, with 0 instead of 255 in the last channel where no image shows the set."""
-    import cv2
-
-    size = images[0].shape[1::-1]
-    covers = (cover(reduced(mask, _MASK_SIDE) > 0).astype(np.uint8) for mask in masks)
-    own = np.stack([cv2.resize(each, size, interpolation=cv2.INTER_NEAREST) > 0 for each in covers])
-    hidden = own.copy()  # also where the performer is before and after: what single masks lack is no set
-    hidden[1:] |= own[:-1]
-    hidden[:-1] |= own[1:]
-    shown = (~hidden).sum(0)
-    plate = np.empty((*images[0].shape[:2], 4), np.uint8)
-    plate[..., 3] = np.where(shown > 0, 255, 0)
-    for top in range(0, len(plate), 64):  # in strips, since sorting makes copies
-        rows = slice(top, top + 64)
-        samples = np.where(hidden[:, rows, :, None], np.int16(255), np.stack([image[rows] for image in images]))
-        samples.sort(axis=0)  # hidden ones last
-        middle = np.maximum(shown[rows] - 1, 0) // 2
-        plate[rows, :, :3] = np.take_along_axis(samples, middle[None, :, :, None], 0)[0]
-    return plate
+    covers = [cover(reduced(mask, _MASK_SIDE) > 0) for mask in masks]
+    # also where the performer is before and after: what single masks lack is no set
+    hidden = [np.logical_or.reduce(covers[max(0, index - 1) : index + 2]) for index in range(len(covers))]
+    plate, shown = median_outside(images, hidden)
+    return np.dstack([plate, np.where(shown > 0, np.uint8(255), np.uint8(0))])
 
 
 def filled(plate: np.ndarray) -> np.ndarray:

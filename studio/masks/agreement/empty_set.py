@@ -13,7 +13,6 @@ from v3studio.studio.masks.clean_plate import Background
 
 _CLOSED, _GROWN = 1 / 40, 1 / 160
 """Radii by which masks are closed and grown, as fractions of the longer side: missing parts are near others."""
-_COVERED = 999
 
 
 def cover(solid: np.ndarray) -> np.ndarray:
@@ -33,16 +32,7 @@ def cover(solid: np.ndarray) -> np.ndarray:
 
 def uncovered(behind: Background, images: Sequence[np.ndarray], covers: Sequence[np.ndarray]) -> Background:
     """The set, estimated again from images whose performer may be in `covers`; elsewhere it stays as it was."""
-    import cv2
-
-    height, width = behind.plate.shape[:2]
-    hidden = np.stack(
-        [cv2.resize(cover.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 for cover in covers]
-    )
-    count = (~hidden).sum(0)
-    samples = np.where(hidden[..., None], np.int16(_COVERED), np.stack(images))
-    samples.sort(axis=0)
-    median = np.take_along_axis(samples, np.maximum((count - 1) // 2, 0)[None, :, :, None], 0)[0]
+    median, count = median_outside(images, covers)
     some = count > 0
     again = some & (count < len(images))
     known = np.ones_like(some) if behind.known is None else behind.known
@@ -54,3 +44,23 @@ def uncovered(behind: Background, images: Sequence[np.ndarray], covers: Sequence
         doubtful=(doubtful | ~some) & ~again,
         agreed=some & (known | again),
     )
+
+
+def median_outside(images: Sequence[np.ndarray], covers: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The median, (H, W, 3) uint8, of images (H, W, 3) uint8 outside of their `covers` (h, w) bool, 255 where all are
+    covered; and how many are not, (H, W)."""
+    import cv2
+
+    height, width = images[0].shape[:2]
+    hidden = np.stack(
+        [cv2.resize(cover.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0 for cover in covers]
+    )
+    count = (~hidden).sum(0)
+    middle = np.maximum(count - 1, 0) // 2
+    median = np.empty(images[0].shape, np.uint8)
+    for top in range(0, height, 64):  # in strips, since sorting makes copies; int16 sorts faster than uint8
+        rows = slice(top, top + 64)
+        samples = np.where(hidden[:, rows, :, None], np.int16(255), np.stack([image[rows] for image in images]))
+        samples.sort(axis=0)  # hidden ones last
+        median[rows] = np.take_along_axis(samples, middle[None, rows, :, None], 0)[0]
+    return median, count
