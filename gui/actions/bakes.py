@@ -156,8 +156,8 @@ class BakeActions:
             self._notices.show(str(as_message(done.error)), bad=True, topic="compare")
         elif done.result is not None:
             self._views.select("review")
-            while self._views.leave_edits():  # a comparison is not shown over them
-                pass
+            if self._views.edits_take:  # a comparison is not shown over them
+                self._views.choose("done")
             self._notices.clear("compare")
             self._player.compare_with(done.result)
         self._changed()
