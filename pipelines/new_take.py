@@ -76,21 +76,11 @@ class NewTake:
     def span(self) -> tuple[int, int] | None:
         """First and last frame, as typed; None for those of the settings. Raises StudioError (`take.bad_frames`)."""
         typed = self.frames.strip()
-        if not typed:
-            return None
-        parts = re.fullmatch(r"(\d{1,8})(?:\s*(?:to|-)\s*(\d{1,8}))?", typed)
-        first, last = (int(parts[1]), int(parts[2] or parts[1])) if parts else (1, 0)
-        if last < first:
+        span = typed_span(typed)
+        if typed and span is None:
             fix = "Type the first and the last one, such as 60 to 83."
             raise StudioError("take.bad_frames", f"'{typed}' is not a range of frames", value=typed, fix=fix)
-        return first, last
-
-    def span_or_none(self) -> tuple[int, int] | None:
-        """`span`; None also for what is not two numbers."""
-        try:
-            return self.span()
-        except StudioError:
-            return None
+        return span
 
     def _rate(self) -> float | None:
         """Frames per second, as typed."""
@@ -182,6 +172,13 @@ def uses_words(uses: Mapping[str, str]) -> str:
     return ", ".join(
         [f"{counted(train, 'camera')} for training", *(f"{count} {use}" for use, count in counts.items() if count)]
     )
+
+
+def typed_span(typed: str) -> tuple[int, int] | None:
+    """The first and last frame of a typed range: "60 to 83", "60-83" or "60"; None for other text."""
+    parts = re.fullmatch(r"(\d{1,8})(?:\s*(?:to|-)\s*(\d{1,8}))?", typed)
+    first, last = (int(parts[1]), int(parts[2] or parts[1])) if parts else (1, 0)
+    return (first, last) if first <= last else None
 
 
 def _footage_folder(typed: str) -> str:

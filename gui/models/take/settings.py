@@ -18,7 +18,7 @@ from v3studio.gui.models.take.setting_words import BASIC, FOLDERS, LABELS, UNITS
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.config.description import allowed_values, bounds
 from v3studio.pipelines.config.loading import parse_override
-from v3studio.pipelines.new_take import NewTake
+from v3studio.pipelines.new_take import typed_span
 from v3studio.pipelines.takes.files.path_here import path_here
 from v3studio.studio.capture.settings import CameraName
 from v3studio.studio.settings import Empty, Heading, Settings, marker, submodel
@@ -97,7 +97,7 @@ class SettingField:
             return None
         if self.kind == FieldKind.CHOICE and text in self.choices:
             text = text.replace(" ", "_")
-        if self.name == "capture.frames" and (span := NewTake(frames=text).span_or_none()) is not None:
+        if self.name == "capture.frames" and (span := typed_span(text)) is not None:
             return f"{span[0]}:{span[1] + 1}"
         if self.text:
             return text

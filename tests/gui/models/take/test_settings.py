@@ -68,6 +68,12 @@ def test_numbers_are_stepped_between_the_limits_of_their_settings() -> None:
     assert fields["train.max_splats"].stepped("1000", 1) is None
 
 
+@pytest.mark.parametrize("typed", ["0 to 7", "0-7", "0:8"])
+def test_frames_are_typed_as_in_the_dialog_of_a_new_take(typed: str) -> None:
+    field = next(field for field in fields_of("capture") if field.name == "capture.frames")
+    assert field.parsed(typed) == "0:8"
+
+
 def test_no_value_is_told_in_the_word_of_its_setting() -> None:
     assert value_words("capture.frames", load_config(None, [])) == "all"
     (reason,) = differences({"capture.frames": None}, {"capture.frames": "2:30"})
