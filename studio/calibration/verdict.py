@@ -85,6 +85,15 @@ class _Support:
     touching: float
 
     @property
+    def masks_fit(self) -> bool:
+        return self.tangents >= _FEW_TANGENTS and self.touching >= _TOUCHING
+
+    @property
+    def score(self) -> float:
+        """A number to compare rigs by, up to 2."""
+        return (self.matches or 0.0) + self.touching * (self.tangents >= _FEW_TANGENTS)
+
+    @property
     def words(self) -> str:
         parts = [] if self.matches is None else [f"{self.matches:.0%} of the matches"]
         parts += [f"{self.touching:.0%} of the masks' tangents"] if self.tangents >= _FEW_TANGENTS else []
@@ -115,20 +124,14 @@ class _Evidence:
         touching = sum(same for same, _ in touched) / max(tangents, 1)
         return _Support(self.share(cameras) if self.known else None, tangents, touching)
 
-    def score(self, cameras: Cameras) -> float:
-        """A number to compare rigs by, up to 2."""
-        support = self.support(cameras)
-        return (support.matches or 0.0) + support.touching * (support.tangents >= _FEW_TANGENTS)
-
     def explains(self, given: _Support, there: _Support) -> bool:
         """Whether a mistake explains what does not fit: undone, what is known of matches and masks fits much better."""
-        masks_fit = there.tangents >= _FEW_TANGENTS and there.touching >= _TOUCHING
         gain = there.touching * there.tangents >= 1.5 * given.touching * given.tangents
         if there.matches is None or given.matches is None:
-            return masks_fit and gain
+            return there.masks_fit and gain
         if self.telling:
-            return there.matches >= FITS and there.matches > given.matches and (masks_fit or not self._outlines)
-        return masks_fit and gain and there.matches > given.matches
+            return there.matches >= FITS and there.matches > given.matches and (there.masks_fit or not self._outlines)
+        return there.masks_fit and gain and there.matches > given.matches
 
     def share(self, cameras: Cameras, of: Collection[str] = (), without: Collection[str] = ()) -> float | None:
         """Fraction of the matches that fit, of pairs with one of the cameras `of` or all; None without matches."""
@@ -188,11 +191,10 @@ def _share(counts: Mapping[tuple[str, str], tuple[int, int]]) -> float | None:
 def _images(evidence: _Evidence) -> RigVerdict:
     """The verdict of the matches, and of the outlines of masks."""
     given = evidence.support(evidence.cameras)
-    masks_fit = given.tangents >= _FEW_TANGENTS and given.touching >= _TOUCHING
     if not evidence.known:
-        if masks_fit and given.tangents >= _ENOUGH_TANGENTS:
+        if given.masks_fit and given.tangents >= _ENOUGH_TANGENTS:
             return RigVerdict(grade="good", reason=f"{given.words} fit the cameras.")
-        cause = None if masks_fit else _cause(evidence, given)
+        cause = None if given.masks_fit else _cause(evidence, given)
         if cause is not None:
             return _wrong(given, cause)
         reason = f"The images {evidence.lack}, so they cannot check the cameras."
@@ -211,8 +213,8 @@ def _images(evidence: _Evidence) -> RigVerdict:
     share = evidence.share(evidence.cameras, without=alone)
     if len(doubtful) > _MOST * len(evidence.cameras) or share is None or share < FITS:
         evidence.cameras = as_given  # by chance, some cameras of another rig fit better when exchanged
-        cause = None if masks_fit else _cause(evidence, given)
-        if cause is None and (masks_fit or not evidence.telling):
+        cause = None if given.masks_fit else _cause(evidence, given)
+        if cause is None and (given.masks_fit or not evidence.telling):
             return RigVerdict(
                 grade="usable",
                 reason=f"Not enough to judge the cameras: {given.words} fit them, but the matches are few, or of "
@@ -280,24 +282,19 @@ def _masks(evidence: _Evidence, some: bool, contradicting: Collection[str]) -> R
 def _cause(evidence: _Evidence, given: _Support) -> Mistake | None:
     """The mistake in the whole rig that explains the evidence best, with figures in its words; None if none does."""
     cameras = evidence.cameras
-    tried = [(mistake, mistake.undo(cameras)) for mistake in mistakes(list(cameras))]
+    tried = list(mistakes(list(cameras)))
     for whole, what in ((False, "focal lengths"), (True, "focal lengths and principal points")):
-        factor, _ = _best_factor(partial(_score_scaled, evidence, whole))
+        factor, _ = _best_factor(cameras, lambda changed: evidence.support(changed).score, whole=whole)
         words = f"With {what} {factor:.2f} times as long"
         kind, fix = "pixels" if whole else "focal", "Check the focal lengths and the images' size."
-        tried.append((Mistake(kind, words, fix, dict), scaled(cameras, factor, whole=whole)))
+        tried.append(Mistake(kind, words, fix, partial(scaled, factor=factor, whole=whole)))
     best, highest = None, 0.0
-    for mistake, changed in tried:
-        score = evidence.score(changed)
-        if score > highest + 0.02:  # of two that nearly tie, the one that is tried first is the more common
-            there = evidence.support(changed)
-            if evidence.explains(given, there):
-                best, highest = replace(mistake, words=f"{mistake.words}, {there.words} fit."), score
+    for mistake in tried:
+        there = evidence.support(mistake.undo(cameras))
+        # of two that nearly tie, the one that is tried first is the more common
+        if there.score > highest + 0.02 and evidence.explains(given, there):
+            best, highest = replace(mistake, words=f"{mistake.words}, {there.words} fit."), there.score
     return best
-
-
-def _score_scaled(evidence: _Evidence, whole: bool, factor: float) -> float:
-    return evidence.score(scaled(evidence.cameras, factor, whole=whole))
 
 
 def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequence[tuple[str, str]]) -> tuple[str, str]:
@@ -309,7 +306,7 @@ def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequenc
     if exchanged:
         fixes.append("Exchange their names in the camera file or the footage.")
     for name in alone:
-        best, share = _best_scale(evidence, [name], [name], alone)
+        best, share = _best_scale(evidence, name, alone)
         if share >= FITS:
             words += f" With a focal length {best:.2f} times as long, {name} fits ({share:.0%})."
     if alone:
@@ -317,25 +314,24 @@ def _cause_of_some(evidence: _Evidence, alone: Sequence[str], exchanged: Sequenc
     return words, " ".join(fixes)
 
 
-def _best_scale(
-    evidence: _Evidence, names: Collection[str], of: Collection[str] = (), without: Collection[str] = ()
+def _best_scale(evidence: _Evidence, name: str, without: Collection[str]) -> tuple[float, float]:
+    """The factor of a camera's focal length with which most of its matches fit, and their fraction."""
+    return _best_factor(evidence.cameras, lambda changed: evidence.share(changed, [name], without) or 0.0, names=[name])
+
+
+def _best_factor(
+    cameras: Cameras, score: Callable[[Cameras], float], *, whole: bool = False, names: Collection[str] | None = None
 ) -> tuple[float, float]:
-    """The factor of the focal lengths of some cameras with which most matches fit, and their fraction."""
-    return _best_factor(
-        lambda scale: evidence.share(scaled(evidence.cameras, scale, whole=False, names=names), of, without) or 0.0
-    )
-
-
-def _best_factor(score: Callable[[float], float]) -> tuple[float, float]:
-    """The factor of focal lengths with the highest score, and that score."""
+    """The factor with which cameras that are `scaled` have the highest score, and that score."""
     best = 1.0
     for around in (_SCALES, _NEAR):
-        best, highest = max(((scale, score(scale)) for scale in (best * around).tolist()), key=lambda scored: scored[1])
-    return best, highest
+        scores = {scale: score(scaled(cameras, scale, whole=whole, names=names)) for scale in (best * around).tolist()}
+        best = max(scores, key=lambda scale: scores[scale])
+    return best, scores[best]
 
 
 def _wrong_scale(evidence: _Evidence) -> float | None:
     """The factor by which all focal lengths are wrong, though most matches fit: cameras that nearly face one point
     tolerate 10%. None if they are not."""
-    best, score = _best_factor(lambda scale: -evidence.median(scaled(evidence.cameras, scale, whole=False)))
+    best, score = _best_factor(evidence.cameras, lambda changed: -evidence.median(changed))
     return best if abs(np.log(best)) > _SCALE_OFF and -score < evidence.median(evidence.cameras) / 2 else None
