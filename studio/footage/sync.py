@@ -94,8 +94,12 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int, apart: float = _APA
     pairs = []
     best = dict.fromkeys(names, 0.0)
     several: dict[str, list[int]] = {}
+    memories = [_autocorrelation(signal) for signal in signals.values()]
     for first, second in combinations(range(len(names)), 2):
-        lag, strength, fitting = _lag(signals[names[first]], signals[names[second]], most)
+        # samples per independent one, in signals that change slowly (Bartlett)
+        shared = min(len(memories[first]), len(memories[second]))
+        alike = max(1.0, 1 + 2 * float(memories[first][:shared] @ memories[second][:shared]))
+        lag, strength, fitting = _lag(signals[names[first]], signals[names[second]], most, alike)
         if strength >= _MIN_CORRELATION and np.abs(fitting - lag).max() <= apart:
             pairs.append((first, second, lag, strength))
         for index, sign in ((first, -1), (second, 1)):
@@ -113,9 +117,10 @@ def offsets_of(signals: Mapping[str, np.ndarray], most: int, apart: float = _APA
     )
 
 
-def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float, np.ndarray]:
+def _lag(a: np.ndarray, b: np.ndarray, most: int, alike: float) -> tuple[float, float, np.ndarray]:
     """The number of samples by which b lags behind a, the Pearson correlation of the overlap at that lag, and the whole
-    lags, (M,), whose correlation is not lower by more than chance explains."""
+    lags, (M,), whose correlation is not lower by more than chance explains, if one of `alike` samples is independent of
+    the others."""
     length = min(len(a), len(b))
     most = min(most, length // 2)
     strengths = []
@@ -131,10 +136,8 @@ def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float, np.ndar
         before, at, after = strengths[best - 1 : best + 2]
         bend = before - 2 * at + after
         shift = 0.5 * (before - after) / bend if bend < -1e-12 else 0.0
-    # chance: Fisher's transform of as many independent samples as there are in signals that change slowly (Bartlett)
-    independent = (length - abs(best - most)) / max(
-        1.0, 1 + 2 * float((_autocorrelation(a) * _autocorrelation(b)).sum())
-    )
+    # chance: Fisher's transform
+    independent = (length - abs(best - most)) / alike
     doubt = _DOUBT / np.sqrt(max(independent - 3, 1))
     least = np.tanh(np.arctanh(min(strengths[best], 0.999999)) - doubt)
     fitting = np.flatnonzero(np.array(strengths) >= min(least, strengths[best])) - most
@@ -143,8 +146,9 @@ def _lag(a: np.ndarray, b: np.ndarray, most: int) -> tuple[float, float, np.ndar
 
 def _autocorrelation(signal: np.ndarray) -> np.ndarray:
     """(N // 2,) from lag 1 on."""
-    centered = signal - signal.mean()
-    values = np.correlate(centered, centered, "full")[len(signal) :][: len(signal) // 2]
+    centered = signal.astype(np.float64) - signal.mean()
+    spectrum = np.fft.rfft(centered, 2 * len(signal))
+    values = np.fft.irfft(np.abs(spectrum) ** 2, 2 * len(signal))[1 : len(signal) // 2 + 1]
     result: np.ndarray = values / max(float(centered @ centered), 1e-12)
     return result
 

@@ -107,6 +107,13 @@ def test_fractions_of_a_sample_are_found(late: float) -> None:
     assert lags["b"] - lags["a"] == pytest.approx(late, abs=0.06)
 
 
+def test_sounds_of_different_length() -> None:
+    """Cameras do not stop at the same time."""
+    heard = np.random.default_rng(5).normal(size=1000)
+    lags = offsets_of({"a": heard, "b": heard[7:600]}, most=50).lags
+    assert lags["a"] - lags["b"] == pytest.approx(7, abs=0.1)
+
+
 @pytest.mark.parametrize("steps", ["periodic", "slow"])
 def test_motion_that_several_offsets_fit_is_told(steps: str) -> None:
     """Steps of a walk, which repeat; and one slow motion, whose strength each camera sees differently."""
