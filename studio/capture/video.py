@@ -219,9 +219,9 @@ class VideoReader:
         smallest = sorted(sizes)[:missing]
         if not 0 < missing < len(sizes) or smallest[-1] > _EMPTY_PACKET:
             return
-        silent = [index for index, size in enumerate(sizes) if size <= smallest[-1]][:missing]
-        before = np.cumsum([index not in set(silent) for index in range(len(sizes))]) - 1
-        self._shown = np.clip(before, 0, decoded_count - 1).tolist()
+        has_image = np.ones(len(sizes), int)
+        has_image[np.flatnonzero(np.array(sizes) <= smallest[-1])[:missing]] = 0
+        self._shown = np.clip(np.cumsum(has_image) - 1, 0, decoded_count - 1).tolist()
         self._coded_count, self._timestamps, self._seekable = decoded_count, [], False
         self.note = f"{missing} packets without an image repeat the frames before them"
 
