@@ -23,30 +23,12 @@ _OTHER_IMAGES = frozenset({
 _OTHER_VIDEOS = frozenset({".r3d", ".braw", ".insv", ".360", ".flv", ".f4v", ".y4m", ".yuv", ".rm", ".dav"})
 OTHER_EXTENSIONS = _OTHER_IMAGES | _OTHER_VIDEOS
 """Those of images and videos that are not read."""
-VIDEO_EXTENSIONS = frozenset(
-    {
-        ".mp4",
-        ".mov",
-        ".mkv",
-        ".avi",
-        ".webm",
-        ".m4v",
-        ".mxf",
-        ".ts",
-        ".mpg",
-        ".mpeg",
-        ".wmv",
-        ".mts",
-        ".m2ts",
-        ".m2t",
-        ".3gp",
-        ".vob",
-    }
-)
+VIDEO_EXTENSIONS = frozenset({
+    ".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mxf", ".ts", ".mpg", ".mpeg", ".wmv", ".mts", ".m2ts", ".m2t",
+    ".3gp", ".vob",
+})  # fmt: skip
 
 _TOKEN = re.compile(r"\{camera\}|\{chapter\}|\{object\}|\{seconds\}|\{frame(?::0?(\d*)d)?\}|\*\*/|\*|\?|\{[^}]*\}")
-
-
 _BODIES = {"camera": "[^/]+?", "chapter": "[^/]+?", "object": "[^/]+?", "seconds": r"\d+[._]\d+"}
 
 
