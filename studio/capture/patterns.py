@@ -185,11 +185,21 @@ def _numbered(matches: list[Match]) -> list[Match]:
     return [replace(match, frame=before + round(((match.seconds or 0.0) - first) / interval)) for match in matches]
 
 
-def interval_of(times: Sequence[float]) -> float | None:
-    """The mean of the usual intervals of times in any order, in their unit; None if there are fewer than two times."""
+_STEADY, _UNSTEADY = 0.1, 0.5  # of the median: by how much usual intervals differ, and if few do not differ more
+
+
+def interval_of(times: Sequence[float], step: float = 0.0) -> float | None:
+    """The mean of the usual intervals of times in any order, in their unit; None if there are fewer than two times.
+    `step`: that of a clock to which they are rounded."""
     gaps = [later - earlier for earlier, later in itertools.pairwise(sorted(times))]
     usual = statistics.median(gaps) if gaps else 0.0
-    return statistics.fmean(gap for gap in gaps if abs(gap - usual) <= 0.1 * usual) if usual > 0 else None
+    if usual <= 0:
+        return None
+    rounding = step if usual >= 4 * step else 0.0
+    steady = [gap for gap in gaps if abs(gap - usual) <= max(_STEADY * usual, rounding)]
+    if 2 * len(steady) < len(gaps):
+        steady = [gap for gap in gaps if abs(gap - usual) <= _UNSTEADY * usual]
+    return statistics.fmean(steady) if steady else usual
 
 
 def refuse_other_kinds(root: Path, paths: Iterable[str]) -> None:

@@ -3,7 +3,6 @@
 import bisect
 import functools
 import itertools
-import statistics
 import threading
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
@@ -14,6 +13,7 @@ import numpy as np
 
 from v3studio.studio.capture.chroma_grid import chroma_grid
 from v3studio.studio.capture.media import decoded, open_media, open_packets, video_stream
+from v3studio.studio.capture.patterns import interval_of
 from v3studio.studio.capture.transfer import TransferFunction, eight_bit
 from v3studio.studio.chroma import ChromaSampling
 from v3studio.studio.errors import StudioError
@@ -27,7 +27,7 @@ _HDR = {16: "PQ", 18: "HLG"}  # FFmpeg's AVCOL_TRC_SMPTE2084 and AVCOL_TRC_ARIB_
 _SQUARE = 0.01
 _GAP = 0.5  # of an interval: by how much times may be off without a frame being missing
 _JITTER = 0.25  # of an interval: by how much times may be off at a constant rate
-_STEADY = 0.1  # of an interval: by how much usual ones differ
+_DRIFT = 0.1  # of an interval: by how much the rate that a file says may be off at its end
 _EMPTY_PACKET = 8  # bytes
 _ENCODE_AGAIN = "Copy or encode the video again."
 
@@ -255,7 +255,7 @@ class VideoReader:
         if len(times) < 3 or times[-1] <= times[0]:
             return None
         rate = (len(times) - 1) / ((times[-1] - times[0]) * float(self._stream.time_base))
-        differs = self.fps is None or abs(self.fps / rate - 1) * len(times) > _STEADY
+        differs = self.fps is None or abs(self.fps / rate - 1) * len(times) > _DRIFT
         return rate if differs else None
 
     def _scan(self, listed: bool = False) -> int:
@@ -389,16 +389,12 @@ def _clock(times: Sequence[int]) -> tuple[float, list[int] | None] | None:
     """
     if len(times) < 3:
         return None
-    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    mean = (times[-1] - times[0]) / len(gaps)
+    mean = (times[-1] - times[0]) / (len(times) - 1)
     if max(abs(time - times[0] - index * mean) for index, time in enumerate(times)) <= _JITTER * mean:
         return None
-    usual = statistics.median(gaps)
-    rounding = 1 if usual >= 4 else 0
-    steady = [gap for gap in gaps if abs(gap - usual) <= max(_STEADY * usual, rounding)]
-    if 2 * len(steady) < len(gaps):
-        steady = [gap for gap in gaps if abs(gap - usual) <= _GAP * usual]
-    interval = statistics.fmean(steady)
+    interval = interval_of(times, step=1)
+    if interval is None:
+        return None
     if max(abs(time - times[0] - index * interval) for index, time in enumerate(times)) <= _GAP * interval:
         return None
     count = round((times[-1] - times[0]) / interval) + 1

@@ -4,7 +4,7 @@ import pytest
 
 from tests.support.errors import refuses
 from v3studio.studio.capture.detect import MASK_FOLDERS, all_beside, detect_images
-from v3studio.studio.capture.patterns import find_files
+from v3studio.studio.capture.patterns import find_files, interval_of
 
 
 def touch(root: Path, *names: str) -> None:
@@ -61,6 +61,14 @@ def test_common_layouts_are_detected(tmp_path: Path, files: list[str], pattern: 
     detected, matches = detect_images(tmp_path)
     assert detected == pattern
     assert not {match.camera for match in matches} & {"bg", "masks"}
+
+
+@pytest.mark.parametrize(
+    ("times", "interval"),
+    [([0, 40, 80, 160, 200], 40), ([160, 0, 30, 80, 110], 40), ([0, 1, 10], 5), ([0, 0, 0, 1], None), ([3], None)],
+)
+def test_the_usual_interval_of_times(times: list[float], interval: float | None) -> None:
+    assert interval_of(times) == (None if interval is None else pytest.approx(interval))
 
 
 def test_missing_and_ambiguous_footage_name_the_setting(tmp_path: Path) -> None:
