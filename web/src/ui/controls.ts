@@ -144,7 +144,7 @@ export class Controls {
     player.on("fetched", () => this.timeline.updateBuffered());
     player.on("view", () => this.fade());
     player.on("updated", () => {
-      this.part(".update:not(.caption)").hidden = false;
+      this.part(".update").hidden = false;
     });
     player.on("ended", () => this.say(this.words.end));
     player.on("sound", () => this.showSound());
@@ -165,7 +165,7 @@ export class Controls {
 
   private showOpened(info: StreamInfo): void {
     const { host, player } = this;
-    this.part(".update:not(.caption)").hidden = true;
+    this.part(".update").hidden = true;
     this.showChoices();
     const title = host.getAttribute("data-title") ?? info.title ?? "";
     const credits = [host.getAttribute("data-credits") ?? "", host.getAttribute("data-license") ?? ""];

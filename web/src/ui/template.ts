@@ -32,7 +32,7 @@ export const template = (words: Words): string => `
   <header class="head" hidden><h1 class="title"></h1><p class="credits"></p></header>
   <div class="notice" role="status" aria-live="polite"></div>
   <div class="update" role="alert" hidden>${words.updated} <button type="button" class="plain" data-act="update">${words.showUpdated}</button></div>
-  <div class="update caption" role="status" hidden><span></span> <span></span> <button type="button" class="plain" data-act="note">${words.next}</button></div>
+  <div class="caption" role="status" hidden><span></span> <span></span> <button type="button" class="plain" data-act="note">${words.next}</button></div>
 </div>
 <div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
 <div class="bar" part="controls">
