@@ -2,6 +2,7 @@
 
 import type { Player } from "../src/player/player.ts";
 import { messageOf } from "../src/stream/errors.ts";
+import { addStyle } from "../src/ui/dom.ts";
 import css from "../src/ui/first.css";
 import { firstTemplate, languageOf } from "../src/ui/first_words.ts";
 import { clock as clockText } from "../src/ui/format.ts";
@@ -29,11 +30,7 @@ export class CastPage {
   constructor(private readonly host: HTMLElement) {
     const words = (this.words = wordsOf(host));
     const root = (this.root = host.attachShadow({ mode: "open" }));
-    root.adoptedStyleSheets = [css, more].map((text) => {
-      const sheet = new CSSStyleSheet();
-      sheet.replaceSync(text);
-      return sheet;
-    });
+    for (const text of [css, more]) addStyle(root, text);
     root.innerHTML = `${firstTemplate(languageOf(host))}
 <div class="top"><header class="head"><h1 class="title"></h1><p class="credits"></p></header><div class="notice" role="status" aria-live="polite"></div></div>
 <div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>

@@ -1,4 +1,4 @@
-/** Makes elements, and remembers values. Text is always set as text, never as HTML: notes come from others. */
+/** Makes elements, adds style sheets, and remembers values. Text is always set as text, never as HTML: notes come from others. */
 
 type Attributes = Readonly<Record<string, string>>;
 
@@ -17,6 +17,19 @@ export function draw(tag: "svg" | "path" | "line", attributes: Attributes = {}):
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
   return element;
+}
+
+const sheets = new Map<string, CSSStyleSheet>();
+
+/** Adds a style sheet, which all players of a page share; not by <style>, which a page's Content-Security-Policy may forbid. */
+export function addStyle(root: ShadowRoot, css: string): void {
+  let sheet = sheets.get(css);
+  if (sheet === undefined) {
+    sheet = new CSSStyleSheet();
+    sheet.replaceSync(css);
+    sheets.set(css, sheet);
+  }
+  root.adoptedStyleSheets.push(sheet);
 }
 
 /** The text that an attribute names: of the element `#ID`, or at an address. */

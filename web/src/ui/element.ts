@@ -8,6 +8,7 @@ import type { EmbeddedFiles } from "../worker/source.ts";
 import { backdropOf, type BackgroundName, BACKGROUNDS, cssColor, isBackground, isDecoder, isLight } from "./choices.ts";
 import { claim, release, type Tenant, watch } from "./contexts.ts";
 import type { Controls, ControlsHost } from "./controls.ts";
+import { addStyle } from "./dom.ts";
 import css from "./first.css";
 import { firstTemplate, languageOf } from "./first_words.ts";
 import { parseView } from "./link.ts";
@@ -70,8 +71,6 @@ function embeddedFiles(selector: string): EmbeddedFiles {
   const scripts = document.querySelectorAll<HTMLElement>(`${selector} script[data-v3-file]`);
   return Object.fromEntries(Array.from(scripts, (script) => [script.dataset["v3File"]!, script.textContent]));
 }
-
-let styles: CSSStyleSheet | null = null;
 
 const reducesMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -337,10 +336,8 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
     const language = languageOf(this);
     this.#root.innerHTML = firstTemplate(language);
     for (const part of this.#root.children) if (part instanceof HTMLElement) part.lang = language;
-    // Not by <style>, which a page's Content-Security-Policy may forbid.
-    styles ??= new CSSStyleSheet();
-    styles.replaceSync(css);
-    this.#root.adoptedStyleSheets = [styles];
+    this.#root.adoptedStyleSheets = [];
+    addStyle(this.#root, css);
     this.#showPoster();
   }
 

@@ -3,7 +3,7 @@
 import type { Player } from "../player/player.ts";
 import { add, centerOf, dot, middleOf, type Pinhole, placeIn } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
-import { make } from "./dom.ts";
+import { addStyle, make } from "./dom.ts";
 import css from "./pins.css";
 
 const NEAR = 8; // pixels that a finger may move in a tap
@@ -32,9 +32,7 @@ export class Pins {
   constructor(private readonly player: Player) {
     const stage = player.canvas.parentElement!;
     stage.append(this.layer);
-    const sheet = new CSSStyleSheet();
-    sheet.replaceSync(css);
-    (stage.getRootNode() as ShadowRoot).adoptedStyleSheets.push(sheet);
+    addStyle(stage.getRootNode() as ShadowRoot, css);
     let began: PointerEvent | null = null;
     // Before the view and the comparison, which may keep the events to themselves.
     stage.addEventListener("pointerdown", (event) => {

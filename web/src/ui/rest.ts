@@ -4,6 +4,7 @@ import type { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
 import { listen } from "./actions.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
+import { addStyle } from "./dom.ts";
 import { languageOf } from "./first_words.ts";
 import { addNotes } from "./notes.ts";
 import { addReport } from "./panel.ts";
@@ -18,9 +19,7 @@ export { inLanguage } from "./words.ts";
 export function addControls(host: ControlsHost, root: ShadowRoot, player: Player): Controls {
   root.querySelector(".failure")!.insertAdjacentHTML("beforebegin", template(wordsOf(host)));
   for (const part of root.children) if (part instanceof HTMLElement) part.lang = languageOf(host);
-  const sheet = new CSSStyleSheet();
-  sheet.replaceSync(css);
-  root.adoptedStyleSheets.push(sheet);
+  addStyle(root, css);
   const controls = new Controls(host, root, player);
   listen(root, controls, player.stop.signal);
   const notes = host.getAttribute("data-marks");
