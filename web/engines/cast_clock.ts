@@ -1,7 +1,8 @@
-/** The clock of a cast: as much of a player as its timeline needs. */
+/** The clock of a cast, which its timeline shows. */
 
 import { Emitter } from "../src/player/emitter.ts";
 import type { PlayerEvents } from "../src/player/playback.ts";
+import type { Timed } from "../src/ui/timeline.ts";
 import type { V3Performer } from "./three.ts";
 
 const LONGEST = 3600; // seconds after which a cast starts over at the latest
@@ -14,9 +15,7 @@ export interface Part {
 }
 
 /** Streams that have ended start over, until the last one has ended; then all start over. */
-export class CastClock extends Emitter<PlayerEvents> {
-  /** Nothing is known of what is in memory. */
-  readonly stream = { info: null, fetched: { groups: [] }, leftOut: new Map<number, string>() };
+export class CastClock extends Emitter<PlayerEvents> implements Timed {
   readonly info: { readonly fps: number; readonly frameCount: number };
   seconds = 0;
   playing = false;

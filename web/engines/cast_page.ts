@@ -1,6 +1,5 @@
 /** The page of a cast around its scene: the player's own bar, title, hint and poster. */
 
-import type { Player } from "../src/player/player.ts";
 import { messageOf } from "../src/stream/errors.ts";
 import { addStyle } from "../src/ui/dom.ts";
 import css from "../src/ui/first.css";
@@ -85,8 +84,7 @@ export class CastPage {
       act();
     });
     for (const kind of ["pointermove", "pointerdown", "keydown"]) host.addEventListener(kind, () => this.awake());
-    // It needs the clock only.
-    const timeline = new Timeline(this.part(".timeline"), clock as unknown as Player, this.words);
+    const timeline = new Timeline(this.part(".timeline"), clock, null, this.words);
     clock.on("frame", ({ frame, seconds }) => {
       timeline.update(frame);
       this.part(".now").textContent = clockText(seconds);

@@ -16,6 +16,7 @@ import { linkTo } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
+import { Thumbnails } from "./thumbnails.ts";
 import { Timeline } from "./timeline.ts";
 import { inLanguage, type Words, wordsOf } from "./words.ts";
 
@@ -67,7 +68,7 @@ export class Controls {
       this.part(`.swatch.${name}`).style.setProperty("--color", cssColor(color));
     const words = (this.words = wordsOf(host));
     const stage = this.part(".stage");
-    this.timeline = new Timeline(this.part(".timeline"), player, words);
+    this.timeline = new Timeline(this.part(".timeline"), player, new Thumbnails(player), words);
     this.hint = new Hint(this.part(".hint"));
     this.sheets = new Sheets(root, (name) => this.showSheet(name));
     this.motion = new Motion(stage, player, {
@@ -139,22 +140,22 @@ export class Controls {
     });
     player.on("grown", () => {
       this.part(".total").textContent = `/ ${clock(player.duration)}`;
-      this.timeline.updateBuffered();
+      this.timeline.updateBuffered(player.stream);
     });
-    player.on("fetched", () => this.timeline.updateBuffered());
+    player.on("fetched", () => this.timeline.updateBuffered(player.stream));
     player.on("view", () => this.fade());
     player.on("updated", () => {
       this.part(".update").hidden = false;
     });
     player.on("ended", () => this.say(this.words.end));
     player.on("sound", () => this.showSound());
-    player.on("notice", () => this.timeline.updateBuffered());
+    player.on("notice", () => this.timeline.updateBuffered(player.stream));
   }
 
   private showReady(): void {
     const { host, player } = this;
     this.timeline.update(player.frame);
-    this.timeline.updateBuffered();
+    this.timeline.updateBuffered(player.stream);
     this.part(".now").textContent = clock(player.seconds);
     this.showPlaying(player.playing);
     this.showSound();

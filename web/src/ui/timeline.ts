@@ -1,28 +1,46 @@
 /** The timeline: played, buffered and skipped parts; dragging seeks; a preview of what is under the pointer. */
 
-import type { Player } from "../player/player.ts";
+import type { Emitter } from "../player/emitter.ts";
+import type { PlayerEvents } from "../player/playback.ts";
+import type { V3Stream } from "../player/stream.ts";
+import type { StreamInfo } from "../worker/messages.ts";
 import { clock } from "./format.ts";
-import { Thumbnails } from "./thumbnails.ts";
+import type { Thumbnails } from "./thumbnails.ts";
 import type { Words } from "./words.ts";
+
+/** The part of a player that a timeline needs. */
+export interface Timed {
+  readonly info: Pick<StreamInfo, "fps" | "frameCount"> | null;
+  readonly frame: number;
+  readonly playing: boolean;
+  readonly on: Emitter<PlayerEvents>["on"];
+  play(): void;
+  pause(): void;
+  seekFrame(frame: number): void;
+}
 
 export class Timeline {
   private readonly track: HTMLElement;
   private readonly buffered: HTMLElement;
   private readonly bubble: HTMLElement;
   private readonly preview: HTMLCanvasElement;
-  private readonly thumbnails: Thumbnails;
   private dragging = false;
   private resume = false;
   private next: number | null = null;
   private seeking = false;
 
-  constructor(readonly element: HTMLElement, private readonly player: Player, private readonly words: Words) {
+  /** @param thumbnails - the preview of what is under the pointer; null for none */
+  constructor(
+    readonly element: HTMLElement,
+    private readonly player: Timed,
+    private readonly thumbnails: Thumbnails | null,
+    private readonly words: Words,
+  ) {
     element.innerHTML = `<div class="track"><div class="buffered"></div><div class="played"></div></div><div class="moments"></div><div class="knob"></div><div class="bubble"><canvas hidden></canvas><span></span></div>`;
     this.track = element.querySelector<HTMLElement>(".track")!;
     this.buffered = element.querySelector<HTMLElement>(".buffered")!;
     this.bubble = element.querySelector<HTMLElement>(".bubble")!;
     this.preview = element.querySelector<HTMLCanvasElement>(".bubble canvas")!;
-    this.thumbnails = new Thumbnails(player);
     element.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || player.info === null) return;
       element.setPointerCapture(event.pointerId);
@@ -101,8 +119,7 @@ export class Timeline {
   }
 
   /** Shows which groups are in memory and which are skipped. */
-  updateBuffered(): void {
-    const { info, fetched: { groups }, leftOut } = this.player.stream;
+  updateBuffered({ info, fetched: { groups }, leftOut }: V3Stream): void {
     if (info === null) return;
     const stops: string[] = [];
     const fetched = new Set(groups);
@@ -151,7 +168,7 @@ export class Timeline {
     if (info === null) return;
     const frame = this.frameAt(x);
     this.bubble.querySelector("span")!.textContent = `${clock(frame / info.fps)} · ${frame}`;
-    const picture = this.thumbnails.find(frame);
+    const picture = this.thumbnails?.find(frame) ?? null;
     this.preview.hidden = picture === null;
     if (picture !== null) {
       this.preview.width = picture.width;
