@@ -1,6 +1,7 @@
 /** The page of a cast around its scene: the player's own bar, title, hint and poster. */
 
 import { messageOf } from "../src/stream/errors.ts";
+import { Bar } from "../src/ui/bar.ts";
 import { addStyle } from "../src/ui/dom.ts";
 import css from "../src/ui/first.css";
 import { firstTemplate, languageOf } from "../src/ui/first_words.ts";
@@ -10,25 +11,17 @@ import * as ICONS from "../src/ui/icons.ts";
 import more from "../src/ui/style.css";
 import { button } from "../src/ui/template.ts";
 import { Timeline } from "../src/ui/timeline.ts";
-import { wordsOf } from "../src/ui/words.ts";
 import type { CastClock } from "./cast_clock.ts";
 
-const IDLE = 3000; // milliseconds without input until the bar hides
-const NOTICE = 5000;
-
-export class CastPage {
+export class CastPage extends Bar {
   readonly stage: HTMLElement;
   readonly canvas: HTMLCanvasElement;
-  private readonly root: ShadowRoot;
-  private readonly words;
   private readonly hint: Hint;
   private clock: CastClock | null = null;
-  private idle = 0;
-  private noticed = 0;
 
-  constructor(private readonly host: HTMLElement) {
-    const words = (this.words = wordsOf(host));
-    const root = (this.root = host.attachShadow({ mode: "open" }));
+  constructor(host: HTMLElement) {
+    super(host, host.attachShadow({ mode: "open" }));
+    const { root, words } = this;
     for (const text of [css, more]) addStyle(root, text);
     root.innerHTML = `${firstTemplate(languageOf(host))}
 <div class="top"><header class="head"><h1 class="title"></h1><p class="credits"></p></header><div class="notice" role="status" aria-live="polite"></div></div>
@@ -89,13 +82,13 @@ export class CastPage {
       timeline.update(frame);
       this.part(".now").textContent = clockText(seconds);
     });
-    for (const name of ["play", "pause"] as const) clock.on(name, () => this.showPlaying());
+    for (const name of ["play", "pause"] as const) clock.on(name, () => this.showPlaying(clock.playing));
     this.part(".total").textContent = `/ ${clockText(clock.duration)}`;
     this.part(".veil").classList.remove("busy");
     this.part(".poster").classList.add("gone");
     host.classList.add("begun");
     this.hint.show(true, this.words);
-    this.showPlaying();
+    this.showPlaying(clock.playing);
   }
 
   /** The viewer has turned the view. */
@@ -103,30 +96,12 @@ export class CastPage {
     this.hint.turned();
   }
 
-  notice(message: string): void {
-    const element = this.part(".notice");
-    element.textContent = message;
-    element.classList.add("shown");
-    clearTimeout(this.noticed);
-    this.noticed = window.setTimeout(() => element.classList.remove("shown"), NOTICE);
+  protected mayHide(): boolean {
+    return this.clock?.playing === true;
   }
 
-  private showPlaying(): void {
-    const playing = this.clock?.playing === true;
-    const play = this.part(".bar [data-act='play']");
-    play.innerHTML = playing ? ICONS.pause : ICONS.play;
-    play.title = playing ? this.words.pause : this.words.play;
-    play.setAttribute("aria-label", play.title);
+  protected override showPlaying(playing: boolean): void {
+    super.showPlaying(playing);
     this.awake();
-  }
-
-  private awake(): void {
-    this.host.classList.remove("idle");
-    clearTimeout(this.idle);
-    this.idle = window.setTimeout(() => this.host.classList.toggle("idle", this.clock?.playing === true), IDLE);
-  }
-
-  private part(selector: string): HTMLElement {
-    return this.root.querySelector<HTMLElement>(selector)!;
   }
 }

@@ -5,8 +5,8 @@ import { messageOf } from "../stream/errors.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { StreamInfo } from "../worker/messages.ts";
 import { hasImmersion, type Immersion, Immersive } from "../xr/immersive.ts";
+import { Bar } from "./bar.ts";
 import { type BackgroundName, BACKGROUNDS, cssColor, isBackground, isSuggested, SPEEDS } from "./choices.ts";
-import { languageOf } from "./first_words.ts";
 import { clock } from "./format.ts";
 import { copyText, shareLink } from "./give_link.ts";
 import { type HelpLine, helpRow } from "./help.ts";
@@ -18,10 +18,7 @@ import { showFigures } from "./panel.ts";
 import { type SheetName, Sheets } from "./sheets.ts";
 import { Thumbnails } from "./thumbnails.ts";
 import { Timeline } from "./timeline.ts";
-import { inLanguage, type Words, wordsOf } from "./words.ts";
 
-const IDLE = 3000; // milliseconds without user input until the controls hide
-const NOTICE = 5000;
 const FAINTEST = 0.1; // opacity of the image where nothing was filmed
 
 /** The element to which the controls belong. */
@@ -41,32 +38,26 @@ export interface ControlsHost extends HTMLElement {
   endIntro(): void;
 }
 
-export class Controls {
+export class Controls extends Bar<ControlsHost> {
   readonly motion: Motion;
   readonly timeline: Timeline;
   readonly sheets: Sheets;
-  private readonly words: Words;
   /** The session in a headset or on the camera's image; null if there is none. */
   immersive: Immersive | null = null;
   /** Further URL parameters of links to a review. */
   reviewParameters: () => Readonly<Record<string, string>> = () => ({});
   private readonly hint: Hint;
-  private idleTimer = 0;
-  private noticeTimer = 0;
   private figuresTimer = 0;
   private outside = false; // whether the view is from where nothing was filmed
   private played = false;
   private toldOfSound = false;
 
-  constructor(
-    readonly host: ControlsHost,
-    private readonly root: ShadowRoot,
-    private readonly player: Player,
-  ) {
+  constructor(host: ControlsHost, root: ShadowRoot, private readonly player: Player) {
+    super(host, root);
+    const { words } = this;
     const { signal } = player.stop;
     for (const [name, { color }] of Object.entries(BACKGROUNDS))
       this.part(`.swatch.${name}`).style.setProperty("--color", cssColor(color));
-    const words = (this.words = wordsOf(host));
     const stage = this.part(".stage");
     this.timeline = new Timeline(this.part(".timeline"), player, new Thumbnails(player), words);
     this.hint = new Hint(this.part(".hint"));
@@ -110,7 +101,8 @@ export class Controls {
     }, { signal });
     signal.addEventListener("abort", () => {
       this.immersive?.end();
-      for (const timer of [this.idleTimer, this.noticeTimer, this.figuresTimer]) clearTimeout(timer);
+      clearInterval(this.figuresTimer);
+      this.clearTimers();
       this.hint.hide();
     });
     this.follow();
@@ -189,8 +181,8 @@ export class Controls {
     this.notice(this.words.silent);
   }
 
-  private showPlaying(playing: boolean): void {
-    this.relabel("play", playing ? ICONS.pause : ICONS.play, playing ? this.words.pause : this.words.play);
+  protected override showPlaying(playing: boolean): void {
+    super.showPlaying(playing);
     // The large button is only shown before the first playback.
     this.part(".start").hidden = playing || this.played || this.player.isMoment;
     this.played ||= playing;
@@ -205,21 +197,8 @@ export class Controls {
     this.outside = outside;
   }
 
-  /** Shows the controls for a while. */
-  awake(): void {
-    this.host.classList.remove("idle");
-    clearTimeout(this.idleTimer);
-    this.idleTimer = setTimeout(() => {
-      if (this.player.playing && this.sheets.open !== "settings" && this.immersive === null) this.host.classList.add("idle");
-    }, IDLE);
-  }
-
-  notice(message: string): void {
-    const element = this.part(".notice");
-    element.textContent = inLanguage(message, languageOf(this.host));
-    element.classList.add("shown");
-    clearTimeout(this.noticeTimer);
-    this.noticeTimer = setTimeout(() => element.classList.remove("shown"), NOTICE);
+  protected mayHide(): boolean {
+    return this.player.playing && this.sheets.open !== "settings" && this.immersive === null;
   }
 
   /** Tells screen readers only. */
@@ -424,18 +403,7 @@ export class Controls {
     return this.host.hasAttribute("page");
   }
 
-  private part(selector: string): HTMLElement {
-    return this.root.querySelector<HTMLElement>(selector)!;
-  }
-
   private buttons(act: string): NodeListOf<HTMLElement> {
     return this.root.querySelectorAll<HTMLElement>(`[data-act='${act}']`);
-  }
-
-  private relabel(act: string, icon: string, label: string): void {
-    const button = this.part(`.bar [data-act='${act}']`);
-    button.innerHTML = icon;
-    button.title = label;
-    button.setAttribute("aria-label", label);
   }
 }
