@@ -4,12 +4,12 @@ import { messageOf } from "../src/stream/errors.ts";
 import { Bar } from "../src/ui/bar.ts";
 import { addStyle } from "../src/ui/dom.ts";
 import css from "../src/ui/first.css";
-import { firstTemplate, languageOf } from "../src/ui/first_words.ts";
+import { firstTemplate, languageOf, setLanguage } from "../src/ui/first_words.ts";
 import { clock as clockText } from "../src/ui/format.ts";
 import { Hint } from "../src/ui/hint.ts";
 import * as ICONS from "../src/ui/icons.ts";
 import more from "../src/ui/style.css";
-import { button } from "../src/ui/template.ts";
+import { barTemplate, button } from "../src/ui/template.ts";
 import { Timeline } from "../src/ui/timeline.ts";
 import type { CastClock } from "./cast_clock.ts";
 
@@ -25,14 +25,8 @@ export class CastPage extends Bar {
     for (const text of [css, more]) addStyle(root, text);
     root.innerHTML = `${firstTemplate(languageOf(host))}
 <div class="top"><header class="head"><h1 class="title"></h1><p class="credits"></p></header><div class="notice" role="status" aria-live="polite"></div></div>
-<div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
-<div class="bar">
-  <div class="timeline" role="slider" tabindex="0" aria-label="${words.time}" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
-  <div class="buttons">${button("play", words.play, ICONS.play)}
-    <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div><div class="gap"></div>
-    ${button("reset", words.reset, ICONS.reset)}${button("full", words.full, ICONS.full)}</div>
-</div>`;
-    for (const part of root.children) if (part instanceof HTMLElement) part.lang = languageOf(host);
+${barTemplate(words, `<div class="gap"></div>${button("reset", words.reset, ICONS.reset)}${button("full", words.full, ICONS.full)}`)}`;
+    setLanguage(root, languageOf(host));
     this.stage = this.part(".stage");
     this.canvas = root.querySelector("canvas")!;
     this.hint = new Hint(this.part(".hint"));

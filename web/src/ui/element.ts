@@ -10,7 +10,7 @@ import { claim, release, type Tenant, watch } from "./contexts.ts";
 import type { Controls, ControlsHost } from "./controls.ts";
 import { addStyle } from "./dom.ts";
 import css from "./first.css";
-import { firstTemplate, languageOf } from "./first_words.ts";
+import { firstTemplate, languageOf, setLanguage } from "./first_words.ts";
 import { parseView } from "./link.ts";
 import { readBackground, readSeconds, readSpeed, readSwitch, readView } from "./values.ts";
 
@@ -335,7 +335,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
   #build(): void {
     const language = languageOf(this);
     this.#root.innerHTML = firstTemplate(language);
-    for (const part of this.#root.children) if (part instanceof HTMLElement) part.lang = language;
+    setLanguage(this.#root, language);
     this.#root.adoptedStyleSheets = [];
     addStyle(this.#root, css);
     this.#showPoster();

@@ -19,6 +19,11 @@ export function languageOf(element: HTMLElement): Language {
   return asked.map((tag) => tag.toLowerCase().split("-")[0]).find(known) ?? "en";
 }
 
+/** Says in which language the elements of a player are. */
+export function setLanguage(root: ShadowRoot, language: Language): void {
+  for (const part of root.children) if (part instanceof HTMLElement) part.lang = language;
+}
+
 /** The elements of a player before its controls are loaded. */
 export function firstTemplate(language: Language): string {
   const { kind, video, play, loading, again } = FIRST_WORDS[language];

@@ -5,7 +5,7 @@ import { messageOf } from "../stream/errors.ts";
 import { listen } from "./actions.ts";
 import { Controls, type ControlsHost } from "./controls.ts";
 import { addStyle } from "./dom.ts";
-import { languageOf } from "./first_words.ts";
+import { languageOf, setLanguage } from "./first_words.ts";
 import { addNotes } from "./notes.ts";
 import { addReport } from "./panel.ts";
 import css from "./style.css";
@@ -18,7 +18,7 @@ export { inLanguage } from "./words.ts";
 /** Adds the controls to a player's element. */
 export function addControls(host: ControlsHost, root: ShadowRoot, player: Player): Controls {
   root.querySelector(".failure")!.insertAdjacentHTML("beforebegin", template(wordsOf(host)));
-  for (const part of root.children) if (part instanceof HTMLElement) part.lang = languageOf(host);
+  setLanguage(root, languageOf(host));
   addStyle(root, css);
   const controls = new Controls(host, root, player);
   listen(root, controls, player.stop.signal);

@@ -25,6 +25,18 @@ const heading = (title: string, words: Words): string =>
 const immersions = (words: Words, more: string): string =>
   button("vr", words.vr, "VR", more) + button("ar", words.ar, "AR", more);
 
+/** The hint and the bar. `buttons`: those after the time. */
+export const barTemplate = (words: Words, buttons: string): string => `
+<div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
+<div class="bar" part="controls">
+  <div class="timeline" role="slider" tabindex="0" aria-label="${words.time}" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
+  <div class="buttons">
+    ${button("play", words.play, ICONS.play)}
+    <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div>
+    ${buttons}
+  </div>
+</div>`;
+
 export const template = (words: Words): string => `
 <p class="unseen" id="keys">${words.keys}</p>
 <p class="unseen spoken" role="status" aria-live="polite"></p>
@@ -34,12 +46,7 @@ export const template = (words: Words): string => `
   <div class="update" role="alert" hidden>${words.updated} <button type="button" class="plain" data-act="update">${words.showUpdated}</button></div>
   <div class="caption" role="status" hidden><span></span> <span></span> <button type="button" class="plain" data-act="note">${words.next}</button></div>
 </div>
-<div class="hint" role="status" aria-live="polite">${ICONS.turn}<span><b></b> <small></small></span></div>
-<div class="bar" part="controls">
-  <div class="timeline" role="slider" tabindex="0" aria-label="${words.time}" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></div>
-  <div class="buttons">
-    ${button("play", words.play, ICONS.play)}
-    <div class="time"><b class="now">0:00.0</b> <span class="total"></span></div>
+${barTemplate(words, `
     ${button("sound", words.soundOff, ICONS.sound, "hidden")}
     <div class="gap"></div>
     ${button("reset", words.reset, ICONS.reset)}
@@ -47,9 +54,7 @@ export const template = (words: Words): string => `
     ${immersions(words, 'class="wide" hidden')}
     ${button("info", words.statistics, ICONS.info, 'class="wide" aria-pressed="false"')}
     ${button("settings", words.settings, ICONS.settings, 'aria-expanded="false"')}
-    ${button("full", words.full, ICONS.full)}
-  </div>
-</div>
+    ${button("full", words.full, ICONS.full)}`)}
 <div class="sheet settings" role="dialog" aria-label="${words.settings}" tabindex="-1" hidden>
   ${heading(words.settings, words)}
   <div class="groups">
