@@ -120,6 +120,8 @@ export class Renderer {
   readonly software: boolean;
   /** Largest side of a texture in pixels. */
   readonly maxTexture: number;
+  /** The name of what draws. */
+  readonly graphics: string;
   /** GPU time of a recent frame in milliseconds; null if it cannot be measured. */
   gpuTime: number | null = null;
   readonly gl: WebGL2RenderingContext;
@@ -142,7 +144,8 @@ export class Renderer {
     const gl = (this.gl = contextOf(canvas, { xrCompatible, antialias: false, depth: false, powerPreference: "high-performance" }));
     this.maxTexture = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
     const info = gl.getExtension("WEBGL_debug_renderer_info");
-    this.software = SOFTWARE.test(String(gl.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER)));
+    this.graphics = String(gl.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
+    this.software = SOFTWARE.test(this.graphics);
     // 8 bits are not precise enough to accumulate many faint splats.
     this.half = gl.getExtension("EXT_color_buffer_float") !== null || gl.getExtension("EXT_color_buffer_half_float") !== null;
     this.timer = gl.getExtension("EXT_disjoint_timer_query_webgl2") as TimerQuery | null;

@@ -55,16 +55,15 @@ const [EARLY, LATE] = [10, 120]; // seconds of playback after which figures are 
 type Row = readonly string[];
 
 function device({ screen }: Player): Row[] {
-  const { gl, maxTexture } = screen.renderer;
+  const { gl, graphics, maxTexture } = screen.renderer;
   const { userAgent, hardwareConcurrency, deviceMemory } = navigator as Navigator & { readonly deviceMemory?: number };
-  const names = gl.getExtension("WEBGL_debug_renderer_info");
   const has = (extension: string): string => (gl.getExtension(extension) === null ? "no" : "yes");
   const [image] = performance.getEntriesByName("v3-first-image") as (PerformanceEntry | undefined)[];
   return [
     ["Browser", userAgent],
     ["Screen", `${window.screen.width} × ${window.screen.height}, ${devicePixelRatio} pixels each`],
     ["Processor", `${hardwareConcurrency} threads, ${deviceMemory ?? "?"} GB`],
-    ["Graphics", String(gl.getParameter(names?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER))],
+    ["Graphics", graphics],
     ["Largest texture", `${maxTexture}, ${gl.getParameter(gl.MAX_TEXTURE_IMAGE_UNITS)} at once`],
     ["Half floats", `${has("EXT_color_buffer_float")}, ${has("EXT_color_buffer_half_float")}`],
     ["WebCodecs", "VideoDecoder" in window ? "yes" : "no"],
