@@ -3,8 +3,7 @@
 import type { Player } from "../player/player.ts";
 import { add, centerOf, dot, middleOf, type Pinhole, placeIn } from "../render/camera.ts";
 import type { Vector } from "../stream/metadata.ts";
-import { addStyle, make } from "./dom.ts";
-import css from "./pins.css";
+import { make } from "./dom.ts";
 
 const NEAR = 8; // pixels that a finger may move in a tap
 
@@ -32,7 +31,6 @@ export class Pins {
   constructor(private readonly player: Player) {
     const stage = player.canvas.parentElement!;
     stage.append(this.layer);
-    addStyle(stage.getRootNode() as ShadowRoot, css);
     let began: PointerEvent | null = null;
     // Before the view and the comparison, which may keep the events to themselves.
     stage.addEventListener("pointerdown", (event) => {
