@@ -91,6 +91,7 @@ class CastFrames:
         self.camera = Camera.look_at(
             view.position, view.target, _UP, width=_SIZE[0], height=_SIZE[1], field_of_view=view.fov
         )
+        self.background = cast.background
         self.group_starts: Sequence[int] = (0,)
         self.models: list[tuple[Path, Similarity]] = []
         self._still: list[Gaussians] = []

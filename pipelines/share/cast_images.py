@@ -6,7 +6,6 @@ import numpy as np
 import torch
 
 from v3studio.pipelines.reports.images import encode
-from v3studio.pipelines.share.cast import read_cast
 from v3studio.pipelines.share.cast_frames import CastFrames
 from v3studio.pipelines.share.stream_to_share import preview_view
 from v3studio.studio.cameras import Camera
@@ -26,16 +25,15 @@ def cast_images(source: Path) -> tuple[bytes, bytes] | None:
             return None
         raise
     try:
-        background = read_cast(source).background
-        poster, preview = (_image(frames, view, background) for view in (frames.camera, preview_view(frames.camera)))
+        poster, preview = (_image(frames, view) for view in (frames.camera, preview_view(frames.camera)))
         return poster, preview
     finally:
         frames.close()
 
 
-def _image(frames: CastFrames, camera: Camera, background: tuple[float, float, float]) -> bytes:
+def _image(frames: CastFrames, camera: Camera) -> bytes:
     """The first frame: splats over the ground, which nobody is below."""
-    behind = np.broadcast_to(np.array(background, np.float32), (camera.height, camera.width, 3))
+    behind = np.broadcast_to(np.array(frames.background, np.float32), (camera.height, camera.width, 3))
     ground = frames.ground(0)
     if ground is not None:
         pixels, depth = ground.seen(camera)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from v3studio.pipelines.outputs import check_output
-from v3studio.pipelines.share.cast import is_cast, write_cast
+from v3studio.pipelines.share.cast import is_cast
 from v3studio.pipelines.share.page import GENERATOR, PageText, player_page, preview_tags
 from v3studio.pipelines.share.player_files import PlayerFiles, read_player
 from v3studio.pipelines.share.shared_folder import RECORD_NAME, is_shared_folder, shared_folder
@@ -124,11 +124,10 @@ def share(
         if single_file:
             fix = "Name a folder with --out."
             raise StudioError("share.bad_cast", "a cast is shared as a folder", file=out, fix=fix)
-        from v3studio.pipelines.share.cast_images import cast_images
+        from v3studio.pipelines.share.cast_folder import write_cast
 
-        title, written = write_cast(Path(source).expanduser(), out, text or PageText(), cast_images, progress)
-        images = sum(size for name, size in written.items() if name.endswith(".jpg") and "/" not in name)
-        return _shared_folder(out, title, written, images)
+        title, written = write_cast(Path(source).expanduser(), out, text or PageText(), progress)
+        return _shared_folder(out, title, written)
     player = read_player()
     with stream_to_share(source) as stream, disk_errors(out):
         if single_file and stream.total_bytes > MAX_SINGLE_FILE_BYTES:
@@ -193,16 +192,16 @@ def _write_folder(
         for name, data in beside.items():
             folder.write(name, data)
         progress(len(files) + 1, len(files) + 1)
-    images = sum(len(data) for name, data in beside.items() if name.endswith(".jpg"))
-    return _shared_folder(out, text.title or "", folder.written, images)
+    return _shared_folder(out, text.title or "", folder.written)
 
 
-def _shared_folder(out: Path, title: str, written: dict[str, int], poster_bytes: int = 0) -> Shared:
+def _shared_folder(out: Path, title: str, written: dict[str, int]) -> Shared:
     """`written`: bytes by path; streams are in folders of their own, beside the page and its files."""
-    stream = sum(size for name, size in written.items() if "/" in name)
+    beside = {name: size for name, size in written.items() if "/" not in name}
     total = sum(written.values())
-    player = total - stream - poster_bytes - written[RECORD_NAME]
-    return Shared("folder", out, title, len(written), total, stream, player, poster_bytes)
+    images = sum(size for name, size in beside.items() if name.endswith(".jpg"))
+    player = sum(beside.values()) - images - written[RECORD_NAME]
+    return Shared("folder", out, title, len(written), total, total - sum(beside.values()), player, images)
 
 
 # One HTML file

@@ -319,7 +319,7 @@ def test_an_engine_shows_the_performer_among_meshes(package_site: Site, open_pag
 def test_a_cast_has_performers_in_their_places_with_shadows(
     package_site: Site, installed: Path, open_page: OpenPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("v3studio.pipelines.share.cast.player_folder", lambda: installed.parent / "player")
+    monkeypatch.setattr("v3studio.pipelines.share.cast_folder.player_folder", lambda: installed.parent / "player")
     center, turn, size = torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), -2.5)
     ball = Gaussians(center, turn, size, torch.tensor([6.0]), torch.tensor([[[1.77, -1.77, -1.77]]]))
     ply.write(tmp_path / "ball.ply", ball)

@@ -30,7 +30,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (built / "v3-cast.js").write_text("run()")
     (built / "licenses.txt").write_text("MIT")
     shutil.copy2(ROOT / "web" / "src" / "index.html", built.parent)
-    monkeypatch.setattr("v3studio.pipelines.share.cast.player_folder", lambda: built.parent)
+    monkeypatch.setattr("v3studio.pipelines.share.cast_folder.player_folder", lambda: built.parent)
     return tmp_path
 
 
