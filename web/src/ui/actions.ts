@@ -1,7 +1,7 @@
 /** Actions of the viewer with gestures, keys and buttons: one table, of which *Help* is made. docs/WEB.md lists them, too. */
 
 import type { Controls } from "./controls.ts";
-import type { HelpLine } from "./help.ts";
+import type { HelpLine } from "./format.ts";
 import type { Words } from "./words.ts";
 
 const kbd = (...keys: readonly string[]): string =>

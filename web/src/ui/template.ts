@@ -2,8 +2,8 @@
 
 import { helpLines } from "./actions.ts";
 import { type BackgroundName, BACKGROUNDS, SPEEDS } from "./choices.ts";
+import { helpRow } from "./format.ts";
 import { canShare } from "./give_link.ts";
-import { helpRow } from "./help.ts";
 import * as ICONS from "./icons.ts";
 import type { Words } from "./words.ts";
 
