@@ -6,9 +6,6 @@ from types import ModuleType
 
 import pytest
 
-from v3studio.pipelines.config import Config
-from v3studio.studio.camera_files import CAMERA_FORMATS
-
 ROOT = Path(__file__).parents[2]
 Load = Callable[[str], ModuleType]
 
@@ -52,24 +49,8 @@ def test_fields_of_events_have_a_meaning_and_a_type_of_json(generator: Load) -> 
     assert {len(row) for row in rows} == {3}
 
 
-def test_every_setting_is_on_the_page(generator: Load) -> None:
-    settings = generator("settings")
-    page = settings.settings_page()
-    names = settings.setting_names()
-    assert {"capture", "capture.masks", "calibrate.board.square", "train.rates.means"} <= names
-    assert set(Config.model_fields) <= names
-    missing = [name for name in names if "." in name and f'<a id="{name}"></a>' not in page]
-    assert not missing
-
-
 def test_names_that_do_not_exist_are_found(generator: Load) -> None:
     text = "`studio/cameras.py`, `studio/gone.py`, `train.gone`, `capture.masks: none`, `numpy.array`\n"
     text += "```\n`studio/x`\n```"
     unknown = list(generator("names").unknown_names(text, ROOT, {"train", "capture", "capture.masks"}))
     assert unknown == ["studio/gone.py: no such file", "train.gone: no such setting"]
-
-
-def test_the_page_of_files_lists_every_camera_format(generator: Load) -> None:
-    page = (ROOT / "docs" / "reference" / "files.md").read_text(encoding="utf-8")
-    shown = generator("camera_files").with_camera_formats(page)
-    assert [form.title for form in CAMERA_FORMATS if f"| {form.title} |" not in shown] == []

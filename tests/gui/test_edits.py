@@ -1,6 +1,5 @@
 """Edits, the scene, cameras, points, comparisons and marks in the window: by mouse, keyboard and undo."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -84,15 +83,6 @@ def test_a_selection_is_removed_from_a_group(editing: RunningWindow, take: Path)
     assert read_edits(take / "edits.json") == EditList()
     editing.key("t")  # after the end of the span, no span
     editing.wait_for("no span", lambda s: s["span"] is None)
-
-
-def test_numbers_are_typed_for_a_kind_of_edits(editing: RunningWindow) -> None:
-    editing.click("numbers", until=("kinds", lambda s: s["dialog"] == "edit kinds"))
-    state = editing.click("dialog choice1", until=("typing", lambda s: s["dialog"] == "numbers" and s["typing"]))
-    assert state["widgets"]["dialog height"][2] >= 16 * 16, "16 em: three numbers can be read"
-    editing.enter_text("dialog height", "0.1")
-    editing.key("Return", until=("a ground", lambda s: s["dialog"] == "" and "ground" in s["edits"]))
-    editing.chord("z", until=("no edits", lambda s: s["edits"] == {} and s["stages"]["bake"][0] == "done"))
 
 
 def test_a_detail_has_a_radius_and_is_trained_again(editing: RunningWindow) -> None:
@@ -201,17 +191,6 @@ def test_the_line_of_a_wipe_is_dragged_and_turns_nothing(window: RunningWindow) 
     moved = window.drag("viewport", (before["wipe"], 0.6), (0.3, 0.6), until=line)
     assert moved["camera"] == before["camera"]
     window.key("d", until=("the difference", lambda s: s["compare"] == "difference" and s["settled"]))
-
-
-def test_a_mark_has_a_note_and_the_view(window: RunningWindow, take: Path) -> None:
-    camera = window.states()[-1]["camera"]
-    window.key("Home")
-    window.key("m", until=("the question", lambda s: s["dialog"] == "mark"))
-    window.click("dialog line")
-    window.enter_text("dialog line", "here it is worst")
-    window.click("dialog save", until=("the mark", lambda s: s["marks"] == {"0": "here it is worst"}))
-    (mark,) = json.loads((take / "marks.json").read_text())["marks"]
-    assert (mark["frame"], mark["note"], mark["view"]["camera"]) == (0, "here it is worst", camera)
 
 
 def test_escape_leaves_fullscreen_and_no_panels_overlap(window: RunningWindow) -> None:

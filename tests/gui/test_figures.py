@@ -16,9 +16,7 @@ REGIONS = EditList().model_copy(update={"regions": (None,)})
 
 @pytest.mark.parametrize("edits", [CROP, REGIONS, EditList(floaters=Floaters(opacity=0.1)), EditList()])
 @pytest.mark.parametrize("state", ["done", "partial", "stale"])
-def test_what_edits_did_to_the_figures_is_said_once_they_are_measured(
-    player: PlayerPresenter, edits: EditList, state: str
-) -> None:
+def test_what_edits_did_to_figures_is_said_once_measured(player: PlayerPresenter, edits: EditList, state: str) -> None:
     take = Take.open(player.opened.take.root)
     assessment = SimpleNamespace(stages={"bake": SimpleNamespace(state=state)})
     workspace: Any = SimpleNamespace(take=take, assessment=assessment)

@@ -8,6 +8,7 @@ import pytest
 from tests.gui.conftest import CLICK, RunningWindow
 from tests.support.waiting import wait_until
 from v3studio.gui.drawing.palette import PANEL
+from v3studio.pipelines.takes.authored.marks import read_marks
 
 CORNER = (slice(0, 60), slice(0, 150))
 """The part of a widget that an open menu covers."""
@@ -90,11 +91,13 @@ def test_the_large_log_covers_a_view_that_a_click_has_brought_to_the_front(windo
     window.key("j")
 
 
-def test_a_note_is_typed_right_after_the_key_that_opens_its_dialog(window: RunningWindow) -> None:
+def test_a_note_is_typed_right_after_the_key_that_opens_its_dialog(window: RunningWindow, take: Path) -> None:
     window.xdotool("mousemove", *window.point("viewport"), "key", "m", "type", "--delay", "15", "typed right after")
     window.wait_for("the note", lambda s: s["texts"].get("dialog line") == "typed right after")
     window.key("Return")
     window.wait_for("the mark", lambda s: list(s["marks"].values()) == ["typed right after"] and not s["dialog"])
+    (mark,) = read_marks(take / "marks.json").values()
+    assert mark.view is not None
     window.chord("z", until=("no mark", lambda s: not s["marks"]))
 
 

@@ -153,9 +153,7 @@ def test_a_marked_frame_stays_that_of_the_footage(window: RunningWindow, written
     window.chord("z", until=("no mark", lambda s: not s["marks"]))
 
 
-def test_why_presets_cannot_be_estimated_is_told_until_it_is_over(
-    window: RunningWindow, take: Path, written: Callable[..., None]
-) -> None:
+def test_why_presets_have_no_estimate_is_told(window: RunningWindow, take: Path, written: Callable[..., None]) -> None:
     rig = Take(take).rig
     window.stage("train")
     written(("capture.rig", None))
@@ -176,17 +174,6 @@ def test_the_left_panel_is_dragged_wider_and_shows_all_settings(window: RunningW
     window.retype("settings filter", "")
     window.wait_for("few settings", lambda s: 3 < len(settings_on_screen(s)) < 20)
     window.click("all settings", 0.2, until=("all of them", lambda s: len(settings_on_screen(s)) > 40))
-
-
-def test_letters_typed_into_a_field_are_no_shortcuts(window: RunningWindow, take: Path) -> None:
-    window.stage("bake")
-    before = window.states()[-1]["compare"]
-    window.retype("setting bake.quality", "77w")
-    state = window.key("Return", until=("a refusal", lambda s: "bake.quality" in s["error"]))
-    assert state["compare"] == before != "wipe"
-    window.retype("setting bake.quality", "24")
-    window.key("Return", until=("no refusal", lambda s: s["error"] == ""))
-    assert "quality: 24" in (take / "config.yaml").read_text()
 
 
 def test_figures_of_an_earlier_bake_say_so(window: RunningWindow) -> None:

@@ -188,9 +188,7 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("name", FAILURES)
-def test_a_command_that_fails_ends_with_its_result(
-    name: str, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_ends_with_its_result(name: str, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # where a lock of the queue is left
     words, code, error = FAILURES[name]
     (line,) = here(*words).fails(code=code).stdout.splitlines()

@@ -47,9 +47,7 @@ def ring(radius: float, middle: Sequence[float] | np.ndarray) -> Rig:
         (0.001, (0.001, 0, 0), True, False),
     ],
 )
-def test_extraordinary_cameras_are_moved(
-    radius: float, middle: tuple[float, float, float], scaled: bool, moved: bool
-) -> None:
+def test_odd_cameras_are_moved(radius: float, middle: tuple[float, float, float], scaled: bool, moved: bool) -> None:
     rig = ring(radius, middle)
     frame = own_frame(rig)
     assert (frame.scale != 1, bool(frame.translation.any())) == (scaled, moved)

@@ -128,9 +128,7 @@ def test_what_settings_affect_is_said_at_the_field_the_section_or_the_class() ->
         (Config, {"train": {"rates": {"means": -1}}}, "settings.invalid", "train.rates.means"),
     ],
 )
-def test_bad_values_raise_the_librarys_error(
-    model: type[Settings], values: dict[str, Any], code: str, setting: str
-) -> None:
+def test_bad_values_raise_our_error(model: type[Settings], values: dict[str, Any], code: str, setting: str) -> None:
     with pytest.raises(StudioError) as caught:
         model(**values)
     assert (caught.value.code, caught.value.fields["setting"]) == (code, setting)

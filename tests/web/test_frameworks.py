@@ -53,9 +53,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("framework", FRAMEWORKS)
-def test_a_framework_mounts_changes_and_removes_it(
-    site: Site, stream: Path, open_page: OpenPage, pages: Path, framework: str
-) -> None:
+def test_mounts_changes_and_removes(site: Site, stream: Path, open_page: OpenPage, pages: Path, framework: str) -> None:
     shutil.copytree(pages, site.folder, dirs_exist_ok=True)
     page = open_page(f"{framework}.html", wait=False, reduced_motion="reduce")
     page.wait("window.show")
@@ -163,9 +161,7 @@ def test_one_that_nobody_sees_stands_still(site: Site, baked: Baked, open_page: 
 
 
 @pytest.mark.parametrize(("preload", "posters"), [("none", 0), ("poster", 1)])
-def test_nothing_is_fetched_before_it_is_played(
-    site: Site, stream: Path, open_page: OpenPage, preload: str, posters: int
-) -> None:
+def test_nothing_is_fetched_before(site: Site, stream: Path, open_page: OpenPage, preload: str, posters: int) -> None:
     html = players(f'preload="{preload}"', 1)
     page = open_page(html=html, wait=False, reduced_motion="reduce", locale="de-DE")
     page.wait("player?.seen")

@@ -26,9 +26,7 @@ def test_a_stream_with_renditions_and_pages_plays(site: Site, baked: Baked, open
     assert not page.seen("notice")
 
 
-def test_on_an_insecure_page_a_better_rendition_interrupts_the_first(
-    site: Site, baked: Baked, open_page: OpenPage
-) -> None:
+def test_on_an_insecure_page_a_better_rendition_comes(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """On a LAN address over plain HTTP there is neither WebCodecs nor crypto.subtle. The <video> element of a group is
     closed while it is read, as the group is fetched again in a better rendition."""
     shutil.copytree(baked(ladder=(16, 34), splats=300), site.stream)

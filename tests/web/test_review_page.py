@@ -249,9 +249,7 @@ def test_a_mark_that_somebody_removes_while_it_is_edited(page: Page, take: Take)
     assert read_marks(take.marks)[1].note == "left knee"
 
 
-def test_the_link_to_watch_shows_no_review_and_cannot_write(
-    page: Page, take: Take, address: str, open_page: OpenPage
-) -> None:
+def test_the_link_to_watch_cannot_write(page: Page, take: Take, address: str, open_page: OpenPage) -> None:
     page.evaluate("() => { navigator.clipboard.writeText = async text => { window.copied = text; }; }")
     page.click("link")
     button = page.handle.get_by_role("button", name="Share link to watch")

@@ -75,9 +75,7 @@ def test_the_served_page_plays(baked: Baked, open_page: OpenPage) -> None:
         assert page.handle.title() == "Test figure"
 
 
-def test_of_several_streams_one_is_chosen_and_plays_over_https(
-    baked: Baked, open_page: OpenPage, tmp_path: Path
-) -> None:
+def test_one_of_several_streams_plays_over_https(baked: Baked, open_page: OpenPage, tmp_path: Path) -> None:
     names = ("b plain", "a #1 50% ?&'\"<x>é影")
     for name in names:
         shutil.copytree(baked(), tmp_path / name)
@@ -91,9 +89,7 @@ def test_of_several_streams_one_is_chosen_and_plays_over_https(
         page.wait("player.state.playing && player.state.frame > 0")
 
 
-def test_a_shared_folder_plays_from_a_plain_server_below_a_path(
-    baked: Baked, open_page: OpenPage, tmp_path: Path
-) -> None:
+def test_a_folder_plays_from_a_plain_server_below_a_path(baked: Baked, open_page: OpenPage, tmp_path: Path) -> None:
     """Nor does it play another stream under its title."""
     place = tmp_path / "some" / "where é"
     share(baked(), place, TEXT)
@@ -113,9 +109,7 @@ def test_a_shared_folder_plays_from_a_plain_server_below_a_path(
         assert all(request.startswith((f"{address}/some/where", "blob:", "data:")) for request in page.requests)
 
 
-def test_a_shared_folder_says_why_it_does_not_play_from_the_disk(
-    baked: Baked, open_page: OpenPage, tmp_path: Path
-) -> None:
+def test_a_folder_says_why_it_does_not_play_from_disk(baked: Baked, open_page: OpenPage, tmp_path: Path) -> None:
     share(baked(), tmp_path / "shared", TEXT)
     page = open_page(address=(tmp_path / "shared" / "index.html").as_uri(), wait=False)
     page.handle.get_by_role("alert").wait_for()

@@ -32,12 +32,3 @@ def test_a_camera_of_a_film_tool_becomes_the_path(tmp_path: Path) -> None:
     actions.read(str(file))
     assert "no node Camera2" in notices.text
     assert len(path.keys) == 4, "kept"
-
-
-def test_how_many_views_there_are_is_a_passing_remark(player: PlayerPresenter) -> None:
-    notices = Notices()
-    actions = PathActions(player, MagicMock(), PathEditor(), MagicMock(), MagicMock(), notices, lambda: None)
-    actions.add()
-    assert "1 view" in notices.line
-    notices.show("Undone.")
-    assert "1 view" not in f"{notices.line} {player.status}"

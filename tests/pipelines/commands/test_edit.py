@@ -155,9 +155,7 @@ def read_points_of(take: Path) -> np.ndarray:
         (("undo",), "there is no edit to undo. See the edits that there are with `v3studio edit list TAKE`."),
     ],
 )
-def test_bad_input_gets_a_sentence_and_changes_nothing(
-    here: Here, finished: Path, words: tuple[str | int, ...], sentence: str
-) -> None:
+def test_bad_input_changes_nothing(here: Here, finished: Path, words: tuple[str | int, ...], sentence: str) -> None:
     unknown = words[0] == "undo" or words[-1] == 5 or 9 in words  # not in this take
     result = here("edit", words[0], finished / "take", *words[1:]).fails(sentence, code=1 if unknown else 2)
     assert result.stderr.startswith("error: ")

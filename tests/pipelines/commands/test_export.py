@@ -77,9 +77,7 @@ def test_ply_of_the_trained_or_the_decoded_splats(here: Here, take: Path, tmp_pa
     ("dilations", "words"),
     [((0.1, 0.1), "with 0.1 and look bolder"), ((0.3, 0.6), "with 0.6 and look thinner"), ((0.3, 0.3), "")],
 )
-def test_another_dilation_is_told_since_files_cannot_say_it(
-    here: Here, tmp_path: Path, dilations: tuple[float, float], words: str
-) -> None:
+def test_another_dilation_is_told(here: Here, tmp_path: Path, dilations: tuple[float, float], words: str) -> None:
     settings = BakeSettings(quality=0)
     groups = [
         bake_group([replace(body(number, 60), dilation=dilation)], tmp_path / "s", number, number, settings)
@@ -233,9 +231,7 @@ def test_frames_have_their_numbers_in_the_footage(here: Here, take: Path, tmp_pa
     here("export", whole, "--of", "trained", *options, "--out", tmp_path / "early").fails("64 to 66")
 
 
-def test_ctrl_c_stops_within_two_seconds_and_leaves_nothing(
-    start: Callable[..., WarmProcess], take: Path, tmp_path: Path
-) -> None:
+def test_ctrl_c_stops_and_leaves_nothing(start: Callable[..., WarmProcess], take: Path, tmp_path: Path) -> None:
     options = ("--format", "turntable", "--size", "640x480", "--seconds", "600", "--json")
     process = start("export", take, *options, "--out", tmp_path / "a.mp4")
     while '"done": 0' in process.stdout.readline():

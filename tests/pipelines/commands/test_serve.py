@@ -180,9 +180,7 @@ def test_which_streams_are_found(stream: Path, tmp_path: Path) -> None:
             find_streams(str(tmp_path / wrong))
 
 
-def test_streams_elsewhere_are_not_served_through_links(
-    stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_links_do_not_serve_streams_elsewhere(stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     served, elsewhere = tmp_path / "served", tmp_path / "elsewhere"
     shutil.copytree(stream, served / "here", symlinks=True)
     shutil.copytree(stream, elsewhere / "take" / "stream", symlinks=True)
@@ -215,16 +213,6 @@ def test_names_are_taken_as_they_are_or_skipped(tmp_path: Path, capsys: pytest.C
         assert f"http://127.0.0.1:{port}/t0ken/a/manifest.json" in lines
         assert len(lines) == 4
     assert "not UTF-8" in capsys.readouterr().err
-
-
-def test_a_title_for_one_stream(stream: Path, tmp_path: Path, here: Here) -> None:
-    with running(build_app(find_streams(str(stream)), PLAYER, text=PageText(title="Walk <1>"))) as port:
-        page = ask(port, "/", Accept=BROWSER)[2].decode()
-        assert "<title>Walk &lt;1&gt;</title>" in page
-        assert 'data-title="Walk &lt;1&gt;"' in page
-    for name in "ab":
-        shutil.copytree(stream, tmp_path / "several" / name, symlinks=True)
-    here("serve", tmp_path / "several", "--title", "Walk", "--port", "0").fails("--title", code=2)
 
 
 def test_browsers_get_the_player_and_others_the_list(stream: Path, tmp_path: Path) -> None:

@@ -126,9 +126,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Mock:
     return counting
 
 
-def test_a_comparison_that_was_killed_goes_on_where_it_was(
-    two: Takes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_comparison_goes_on_where_it_was(two: Takes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(two, tmp_path / "whole", PROTOCOLS["box"])
     killed(*two, tmp_path / "out")
     left = contents(tmp_path / "out")

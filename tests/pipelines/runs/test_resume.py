@@ -15,9 +15,7 @@ from v3studio.pipelines.stages.training import group as train_group
 from v3studio.studio.errors import Cancelled
 
 
-def test_stopped_and_killed_in_training_and_in_baking_gives_the_same_stream(
-    finished: Path, project: Path, start: Callable[..., Any]
-) -> None:
+def test_stopped_and_killed_it_gives_the_same_stream(finished: Path, project: Path, start: Callable[..., Any]) -> None:
     take = project / "take"
     arguments = ("run", project / "ball.yaml", "--take", take, "--json")
 

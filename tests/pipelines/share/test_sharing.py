@@ -122,14 +122,6 @@ def test_the_poster_is_the_first_frame_from_the_suggested_camera(stream: Path, t
     assert np.abs(image - want).mean() < 6 < np.abs(image - other).mean()
 
 
-def test_link_previews_show_the_poster_with_more_on_its_sides(stream: Path, tmp_path: Path) -> None:
-    shared = share(stream, tmp_path / "site")
-    poster, preview = (cv2.imread(str(next(shared.path.glob(f"{name}.*.jpg")))) for name in ("poster", "preview"))
-    left, width = 127, 945  # 90 x 60 pixels at 10.5 times their size, in the middle
-    part = cv2.resize(preview[:, left : left + width], (90, 60), interpolation=cv2.INTER_AREA)
-    assert np.abs(part.astype(float) - poster).mean() < 6
-
-
 def test_an_earlier_share_is_replaced_and_nothing_else(stream: Path, tmp_path: Path) -> None:
     out = tmp_path / "site"
     out.mkdir()

@@ -108,9 +108,7 @@ def test_training_outlives_a_failure(take: Take, published: list[Groups], monkey
     assert len(warnings_in(events, "bake.live_failed")) == 1
 
 
-def test_stages_between_training_and_baking_run_first(
-    take: Take, published: list[Groups], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stages_before_baking_run_first(take: Take, published: list[Groups], monkeypatch: pytest.MonkeyPatch) -> None:
     def run_group(inputs, group, reporter):
         for index in group.indices:
             few = read_frame(take.trained_frame(group.index, index))[:50]
@@ -129,9 +127,7 @@ def test_stages_between_training_and_baking_run_first(
 
 
 @pytest.mark.parametrize("joint", [0, 2])
-def test_training_with_live_gives_the_stream_of_a_bake(
-    here: Here, take: Take, published: list[Groups], joint: int
-) -> None:
+def test_live_training_gives_the_stream_of_a_bake(here: Here, take: Take, published: list[Groups], joint: int) -> None:
     shutil.rmtree(take.root / "train" / "group_001")
     here("train", take.root, "--live", "--bake.preset", "ultrafast", "--train.joint_iterations", joint).ok()
     assert published == [([3], True), ([3, 2], False)]

@@ -18,9 +18,7 @@ from tests.support.tiny_capture import Here
         (("--square", "0", "--kind", "chessboard"), "--square 0 is not between 0 and 10000 mm"),
     ],
 )
-def test_a_boards_sizes_are_numbers_in_millimeters(
-    here: Here, tmp_path: Path, options: tuple[str, ...], said: str
-) -> None:
+def test_a_boards_sizes_are_in_millimeters(here: Here, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     here("board", tmp_path / "b.pdf", *options).fails(said, code=2)
     assert not (tmp_path / "b.pdf").exists()
 

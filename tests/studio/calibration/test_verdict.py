@@ -91,9 +91,7 @@ def test_single_cameras_are_named(rig: Cameras, pairs: list[PairMatches]) -> Non
 
 
 @pytest.mark.parametrize("second", ["cam03", "cam04", "cam08"])
-def test_exchanged_cameras_with_few_and_false_matches_are_named(
-    rig: Cameras, pairs: list[PairMatches], second: str
-) -> None:
+def test_exchanged_cameras_with_few_matches_are_named(rig: Cameras, pairs: list[PairMatches], second: str) -> None:
     random, few = np.random.default_rng(0), []
     for pair in pairs:
         if "cam02" in (pair.first, pair.second):

@@ -205,9 +205,7 @@ def test_unknown_keys_are_named_in_the_notes(tmp_path: Path) -> None:
         ("transforms", "camera.conflict", [{"dist": [0.1, 0, 0, 0]}]),
     ],
 )  # fmt: skip
-def test_other_lenses_and_units_are_refused(
-    tmp_path: Path, form: str, code: str, changes: list[dict[str, Any]]
-) -> None:
+def test_other_lenses_or_units_are_refused(tmp_path: Path, form: str, code: str, changes: list[dict[str, Any]]) -> None:
     for change in changes:
         path = FORMS[form][0](tmp_path, lambda values, change=change: {**values, **change})
         with refuses(code, file=path, camera="cam0"):

@@ -56,9 +56,7 @@ def test_a_performer_beyond_the_view_is_told() -> None:
     assert message.fields == {"camera": "cam1", "frames": (4, 5)}
 
 
-def test_a_mask_of_a_fisheye_is_read_once(
-    tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fisheyes_mask_is_read_once(tmp_path: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("cam1", "cam2"):
         make.image(tmp_path / "images" / name / "0.png", make.numbered(200))
         make.image(tmp_path / "masks" / name / "0.png", 255 * (make.numbered(200) > 100).astype(np.uint8))

@@ -169,9 +169,7 @@ def test_held_out_cameras(three_videos: Path) -> None:
         open_footage(CaptureSettings(root=three_videos, held_out=("cam1", "cam2", "cam10")))
 
 
-def test_threads_read_the_right_frames(
-    three_videos: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_threads_read_right_frames(three_videos: Path, make: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     """With fewer decoders than cameras: they open and close while threads read."""
     monkeypatch.setattr(sys.modules["v3studio.studio.footage.open_footage"], "decoder_limit", lambda width, height: 2)
     footage = open_footage(CaptureSettings(root=three_videos, masks="none"), most_cached=5 * 64 * 96 * 3)

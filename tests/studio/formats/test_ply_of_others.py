@@ -98,9 +98,7 @@ def test_other_properties_and_elements_are_named(path: Path) -> None:
     new=st.from_regex(r"[a-z]{1,9}(_[0-9])?", fullmatch=True),
     added=st.booleans(),
 )
-def test_other_properties_are_never_misread(
-    tmp_path_factory: pytest.TempPathFactory, victim: str, new: str, added: bool
-) -> None:
+def test_others_are_never_misread(tmp_path_factory: pytest.TempPathFactory, victim: str, new: str, added: bool) -> None:
     """Either the splats are right and a note names the property, or an error names one of the two."""
     columns = plain()
     if new in columns:

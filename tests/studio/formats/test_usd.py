@@ -194,9 +194,7 @@ def test_unusable_splats_and_unknown_attributes_are_dropped(tmp_path: Path, make
     assert sum("scan:confidence" in note for note in video.notes) == 1
 
 
-def test_without_usd_core_its_extra_is_named(
-    tmp_path: Path, make_video: MakeVideo, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_usd_core_it_is_named(tmp_path: Path, make_video: MakeVideo, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pxr", None)
     with refuses("usd.missing") as caught:
         export_usd(make_video(), tmp_path / "a.usdc")

@@ -102,9 +102,7 @@ def test_what_is_imported_is_what_the_players_see(tmp_path: Path, make_video: Ma
 
 
 @pytest.mark.parametrize("qp", [0, 20, 28, 35])
-def test_padding_is_invisible_and_opacities_are_as_exact_as_the_codec(
-    tmp_path: Path, make_video: MakeVideo, qp: int
-) -> None:
+def test_padding_is_invisible_and_opacities_exact_as_the_codec(tmp_path: Path, make_video: MakeVideo, qp: int) -> None:
     """Players draw nothing below 1/255. A codec's quantizer with the step s has an error of s / sqrt(12)."""
     video = make_video((4,), splats=1900)  # of 48 x 48 pixels
     export_videogs(video, tmp_path / "out", qp=qp)

@@ -238,9 +238,7 @@ def test_masks_of_objects_are_joined(tmp_path: Path, make: SimpleNamespace) -> N
 
 
 @pytest.mark.parametrize("frames", [None, ":3"])
-def test_masks_that_count_from_0_beside_images_that_count_from_1(
-    tmp_path: Path, make: SimpleNamespace, frames: str | None
-) -> None:
+def test_masks_from_0_beside_images_from_1(tmp_path: Path, make: SimpleNamespace, frames: str | None) -> None:
     for frame in range(4):
         for camera in ("a", "b"):
             mask = np.zeros((HEIGHT, WIDTH), np.uint8)

@@ -73,9 +73,7 @@ def test_requests_that_fail_or_end_early_are_repeated(object_store: ObjectStore,
     assert object_store.fetched_twice("day1") == []
 
 
-def test_the_cache_keeps_the_last_used(
-    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_cache_keeps_the_last(object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(4):
         put(object_store, f"cam{number}.mp4", bytes([number + 1]) * 40_000)
     monkeypatch.setenv("V3STUDIO_CACHE_GIGABYTES", "100_000e-9")
@@ -117,9 +115,7 @@ def test_a_changed_object_is_fetched_again_and_a_deleted_one_is_gone(object_stor
     assert again.frames_of("cam0") == (0,)
 
 
-def test_errors_are_sentences_without_secrets(
-    object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_tell_no_secrets(object_store: ObjectStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(address: str) -> StudioError:
         s3fs.S3FileSystem.clear_instance_cache()
         with pytest.raises(StudioError) as caught:

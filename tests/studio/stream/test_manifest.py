@@ -288,9 +288,7 @@ def test_what_is_no_manifest(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("text", [b"[],", b"1,", b'{"a":1},'])
-def test_60_megabytes_of_values_are_refused_before_they_are_parsed(
-    text: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_60_megabytes_are_refused_before_they_are_parsed(text: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     """They would take gigabytes."""
     data, parsed = b'{"groups": [' + text * (60_000_000 // len(text)) + b"0]}", []
     monkeypatch.setattr(json, "loads", lambda *_, **__: parsed.append(1))

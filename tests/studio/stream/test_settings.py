@@ -43,9 +43,7 @@ def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
         (" fine ", "fine", (22, None, 42.0)),
     ],
 )
-def test_three_kinds_of_quality(
-    given: int | str, stored: int | str, goals: tuple[int, float | None, float | None]
-) -> None:
+def test_kinds_of_quality(given: int | str, stored: int | str, goals: tuple[int, float | None, float | None]) -> None:
     settings = BakeSettings(quality=given)
     assert settings.quality == stored
     assert (settings.qp, settings.target_kb_per_frame, settings.target_psnr) == goals

@@ -44,9 +44,7 @@ def bend(frames: list[Gaussians]) -> float:
     return float(means.diff(n=2, dim=0).norm(dim=-1).mean())
 
 
-def test_frames_share_appearance_and_come_closer_to_footage(
-    noisy: list[Gaussians], seen: list[list[TrainingView]]
-) -> None:
+def test_frames_share_appearance_and_come_closer(noisy: list[Gaussians], seen: list[list[TrainingView]]) -> None:
     trained = train_jointly(noisy, seen, SETTINGS, seed=1)
     assert len(trained) == len(noisy)
     for frame in trained[1:]:

@@ -28,9 +28,7 @@ def seen() -> list[list[TrainingView]]:
     return [views(move) for move in MOVES]
 
 
-def test_others_are_covered_in_all_frames_and_paths_stay(
-    frames: list[Gaussians], seen: list[list[TrainingView]]
-) -> None:
+def test_others_are_covered_and_paths_stay(frames: list[Gaussians], seen: list[list[TrainingView]]) -> None:
     offsets = train_offsets(frames[:1], seen[:1], KEPT, 0, SETTINGS, 30)
     cut = [offsets.selected(frame) for frame in frames]
     tuned = [offsets.applied(frame) for frame in cut]

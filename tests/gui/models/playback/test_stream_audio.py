@@ -73,9 +73,7 @@ def test_the_transport_follows_the_sound(player: PlayerPresenter, device: Device
     assert not transport.playing
 
 
-def test_sound_can_be_turned_off_and_a_missing_device_is_told(
-    stream: Path, player: PlayerPresenter, device: Device
-) -> None:
+def test_sound_is_turned_off_and_a_missing_device_told(stream: Path, player: PlayerPresenter, device: Device) -> None:
     player.toggle_sound()
     player.transport.play()
     device.frames(player, 1)

@@ -48,9 +48,7 @@ def red(layer: SplatLayer | None, solid: Surfaces, parts: np.ndarray) -> float:
         (1.0, None, 5.0, 0.5),  # behind opaque splats
     ],
 )
-def test_what_is_behind_splats_shines_through(
-    alpha: float, solid: float | None, line: float | None, expected: float
-) -> None:
+def test_what_is_behind_shines_through(alpha: float, solid: float | None, line: float | None, expected: float) -> None:
     parts = fragments() if line is None else fragments((0, line, 1.0, 255))
     assert red(splats(alpha, 2.0), surface(solid, 255), parts) == pytest.approx(expected, abs=0.003)
 

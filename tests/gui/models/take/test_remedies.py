@@ -1,6 +1,5 @@
 import ast
 import functools
-import inspect
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,6 @@ from v3studio.gui.models.take.settings import SECTIONS, fields_of, stage_of
 from v3studio.gui.widgets.stage_help import HELP
 from v3studio.pipelines.config.loading import load_config
 from v3studio.pipelines.events import Warned
-from v3studio.studio.masks.sources import SOURCES, Source
 from v3studio.studio.yaml_text import inline_yaml
 
 ROOT = Path(__file__).parents[4]
@@ -121,15 +119,6 @@ def test_the_value_of_a_warning_is_valid(
     again = fix_of(warning, changed)
     assert again.done
     assert again.words == f"{setting_words(setting)} is {inline_yaml(value)} now"
-
-
-@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
-def test_masks_have_a_sensitivity_if_they_are_found_in_the_images(source: Source) -> None:
-    functions = [member for member in vars(inspect.getmodule(source.open)).values() if inspect.isfunction(member)]
-    files = {inspect.getfile(member) for member in functions}
-    reads = any("DifferenceSettings" in Path(file).read_text() for file in files if "/masks/" in file)
-    fix = fix_of(Warned(message="m", code="hull.mask_mismatch"), load_config(None, [("capture.masks", source.name)]))
-    assert fix == Fix("capture.mask_sensitivity" if reads else "capture.masks")
 
 
 def test_the_same_warning_about_several_cameras_is_one_line() -> None:

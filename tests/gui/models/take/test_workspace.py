@@ -208,9 +208,7 @@ def test_stages_that_a_run_elsewhere_will_run_are_not_done(workspace: Workspace,
         assert (shown["train"], shown["bake"], shown["review"]) == ("running", "waiting", "waiting")
 
 
-def test_warnings_of_a_stage_are_there_after_reopening_until_it_runs_without_them(
-    workspace: Workspace, take_copy: Path
-) -> None:
+def test_warnings_are_there_after_reopening_until_it_runs_without_them(workspace: Workspace, take_copy: Path) -> None:
     take = Take.open(take_copy)
     path = take.record("initialize")
     warning = {"message": "Camera 'cam1': half of the mask is missing.", "code": "hull.mask_mismatch", "value": 0.5}

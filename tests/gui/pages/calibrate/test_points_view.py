@@ -106,9 +106,7 @@ def test_a_file_that_changes_or_breaks_meanwhile(stage_view: PointsView) -> None
     assert "invalid YAML" not in stage_view.status
 
 
-def test_another_take_with_the_same_cameras(
-    stage_view: PointsView, take_copy: Path, finished: Path, tmp_path: Path
-) -> None:
+def test_another_take_with_its_cameras(stage_view: PointsView, take_copy: Path, finished: Path, tmp_path: Path) -> None:
     before = picture(stage_view)
     camera = stage_view.camera
     capture = Path(shutil.copytree(finished / "capture", tmp_path / "capture"))

@@ -14,9 +14,7 @@ MATRIX = ((0.8, 0.05, 0.0, 0.02), (0.0, 1.1, 0.0, -0.01), (0.1, 0.0, 0.9, 0.0))
 SIZE = (900, 600)
 
 
-def test_cameras_appear_as_they_are_read(
-    workspace: Workspace, take_copy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_they_appear_as_they_are_read(workspace: Workspace, take_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace.open(Take.open(take_copy))
     monkeypatch.setattr(camera_color_pairs, "SECONDS", -1.0)  # one camera per draw
     workspace.change_settings({"train.camera_colors": "splats"})

@@ -63,9 +63,7 @@ def test_a_thumbnail_is_drawn_once(finished: Path, tmp_path: Path, monkeypatch: 
     assert thumbnail("https://example.org/walk") is None
 
 
-def test_a_take_without_results_shows_its_footage(
-    take_copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_results_it_shows_footage(take_copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     drawn = thumbnail(str(take_copy))
     for name in ("train", "stream"):

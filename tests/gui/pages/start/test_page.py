@@ -18,9 +18,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StartPage:
     return StartPage(queue, True)
 
 
-def test_cards_and_pictures_come_one_by_one_and_follow_the_disk(
-    page: StartPage, take_copy: Path, tmp_path: Path
-) -> None:
+def test_cards_and_pictures_come_singly_and_follow_the_disk(page: StartPage, take_copy: Path, tmp_path: Path) -> None:
     places = [str(take_copy), str(tmp_path / "gone"), "https://example.org/walk"]
 
     def states() -> list[str]:

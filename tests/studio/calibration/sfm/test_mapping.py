@@ -267,9 +267,7 @@ def test_neighbors_have_similar_viewing_directions() -> None:
     assert len(pairs) == 24
 
 
-def test_the_global_mapper_estimates_unknown_focal_lengths_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_global_mapper_estimates_unknown_focal_lengths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synthesize(tmp_path, 8, 500)
     database, asked = tmp_path / "database.db", []
     calibrate = pycolmap.calibrate_view_graph

@@ -92,9 +92,7 @@ def test_cameras_agree_on_better_masks_than_each_of_them_has(capture: Path, rig:
     assert {path: path.stat().st_mtime_ns for path in cache.rglob("mask_*.png")} == files != {}
 
 
-def test_a_model_sees_squares_around_people(
-    capture: Path, rig: Rig, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_sees_squares_of_people(capture: Path, rig: Rig, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = {"mask_model": f"selfie:{LITE}"}
     sides = []
 
@@ -117,9 +115,7 @@ def test_a_model_sees_squares_around_people(
     assert all(height == width < SIZE[0] for height, width in sides)
 
 
-def test_what_a_model_sees_is_kept_where_the_set_shows_it(
-    capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_model_sees_is_kept_where_it_is_shown(capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     def without_head(image: np.ndarray, *_: object) -> np.ndarray:
         shown = even(image)
         rows = np.flatnonzero(shown.any(1))
@@ -151,9 +147,7 @@ def shows(footage: Footage, camera: Camera) -> float:
     return overlap(footage.mask(camera.name, 0), alpha_of(camera, 7))
 
 
-def test_cameras_agree_on_what_a_model_sees_in_one_frame(
-    capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cameras_agree_on_what_it_sees_in_one_frame(capture: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no other evidence."""
     monkeypatch.setattr(MattingModel, "__call__", lambda self, image: np.float32(even(image)))
     footage = opened(capture, rig, **ONE)
