@@ -16,10 +16,6 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from v3studio.pipelines.cli import parse
-from v3studio.pipelines.commands.common.arguments import overrides
-from v3studio.pipelines.config import load_config
-
 ROOT = Path(__file__).parents[1]
 PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
@@ -40,19 +36,6 @@ def blocks() -> Iterator[tuple[str, str]]:
         for block in re.findall(r"^ *```(?:sh|bash|console)\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL):
             for line in block.splitlines():
                 yield name, line.strip().removeprefix("$ ").removeprefix(".venv/bin/")
-
-
-V3STUDIO = sorted({(page, line) for page, line in blocks() if line.startswith("v3studio ")})
-
-
-@pytest.mark.parametrize(("page", "line"), V3STUDIO, ids=[f"{page}:{line[:60]}" for page, line in V3STUDIO])
-def test_documented_commands_parse(page: str, line: str) -> None:
-    """Options exist, and settings have valid names and values."""
-    words = shlex.split(re.split(r" [>|] | && ", line)[0], comments=True)[1:]
-    try:
-        load_config(None, overrides(parse(words)))
-    except SystemExit:
-        pytest.fail(f"{page}: {line}")
 
 
 def test_commands_and_options_in_sentences_exist(monkeypatch: pytest.MonkeyPatch) -> None:

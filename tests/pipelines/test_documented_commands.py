@@ -1,7 +1,7 @@
 """Commands of the documentation run, in the order of their page, on the tiny capture and its finished take.
 
-`tests/test_commands.py` gives all of them to the parser, also those that do not run here. Servers end at once; what
-reads the output of a command runs if jq is installed.
+Those that do not run here are given to the parser. Servers end at once; what reads the output of a command runs if jq
+is installed.
 """
 
 import gzip
@@ -17,6 +17,9 @@ import pytest
 
 from tests.support.hostile_streams import executed, plant
 from tests.test_commands import ROOT, blocks
+from v3studio.pipelines.cli import parse
+from v3studio.pipelines.commands.common.arguments import overrides
+from v3studio.pipelines.config import load_config
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.share.player_files import read_player
@@ -71,7 +74,12 @@ for page, line in blocks():
         PAGES[page].append(found[1])
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if "measurements" not in page])
+def assert_parses(command: str) -> None:
+    """Its options exist, and its settings have valid names and values."""
+    load_config(None, overrides(parse(shlex.split(re.split(r" [>|] | && ", command)[0], comments=True))))
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_commands_run_in_the_order_of_their_page(
     page: str, here: Callable, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -86,9 +94,11 @@ def test_commands_run_in_the_order_of_their_page(
     monkeypatch.syspath_prepend(tmp_path / "masks")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for command in commands.splitlines():
-        for name in re.findall(r"(?<!--out )\b[\w/]+\.yaml", command):
+        measures = "measurements" in page
+        for name in () if measures else re.findall(r"(?<!--out )\b[\w/]+\.yaml", command):
             assert (tmp_path / name).exists(), f"{command}: nothing has written {name} yet"
-        if any(re.match(pattern, command) for pattern in NOT_HERE.values()):
+        if measures or any(re.match(pattern, command) for pattern in NOT_HERE.values()):
+            assert_parses(command)
             continue
         command, pipe, reader = command.partition(" | ")
         words = shlex.split(command.partition(" > ")[0], comments=True)
