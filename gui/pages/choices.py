@@ -26,6 +26,7 @@ class ViewMode(Button):
     MASKS = "masks", "Darken the background, and outline the masks; again: the images as filmed"
     EVIDENCE = "evidence", "What each camera alone takes for the performer (light), and how far its mask is off"
     GARBAGE = "garbage masks", "Draw where the performer never is: click a camera, then the corners of a polygon"
+    CORRECT = "correct", "Correct a mask: click a camera, then the performer, or with the right button what is not"
     CAMERAS = "cameras", "Camera frustums with their images, and sparse points"
     COVERAGE = "coverage", "Directions around the performer, and its surface, by how well the training cameras see them"
     REPORT = "report", "Reprojection error per camera"

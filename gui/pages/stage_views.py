@@ -57,6 +57,7 @@ class StageViews:
         views = (self.points, CameraColorsView(workspace))
         self._by_mode: dict[str, StageView] = {mode: view for view in views for mode in view.modes}
         self.editor = Editor(workspace, player)
+        self.capture.corrected.connect(self.editor.correct_mask)
         self.edit_view = EditView(self.editor)
         self.editing = False  # whether Review shows the edits
         self._edits = EditList()  # before the changes since they are on screen

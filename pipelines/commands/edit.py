@@ -19,20 +19,24 @@ if TYPE_CHECKING:
 
     from v3studio.pipelines.takes.take import Take
     from v3studio.studio.edits import EditList
+    from v3studio.studio.footage import Footage
 
 _NOTE = """Edits are stored in the take's edits.json. They affect bakes, evaluations and exports; `v3studio run` bakes
-what is affected again. Only `detail` and `crop --training` affect training.
+what is affected again. Only `detail`, `mask` and `crop --training` affect
+training.
 
 Examples:
     v3studio edit trim takes/first 12:251
     v3studio edit crop takes/first --min -0.8 -0.8 0 --max 0.8 0.8 2
     v3studio edit floaters takes/first --share 0.01
     v3studio edit detail takes/first --frame 0 --at 0 0.1 1.6 --radius 0.15
+    v3studio edit mask takes/first --camera cam09 --frame 7 --performer 310 120
     v3studio edit undo takes/first
 """
 
 
-_MANY = {"region": "regions", "detail": "details"}  # edits of which there may be several: name of one, of all
+_MANY = {"region": "regions", "detail": "details", "mask": "masks"}
+"""Edits of which there may be several: the name of one, and of all."""
 
 
 def register(commands: Any) -> None:
@@ -93,11 +97,24 @@ def register(commands: Any) -> None:
         help="how much more pixels and splats in the ball count, from 1 to 100 (default: 4)",
     )
 
+    mask = _kind(kinds, "mask", "correct a mask by clicks, also in near frames and other cameras", _mask)
+    mask.add_argument("--camera", required=True, metavar="NAME", help="camera in whose image the pixels are")
+    mask.add_argument("--frame", type=int, required=True, metavar="F", help="frame, by its number in the footage")
+    for name, text in (("performer", "on the performer"), ("background", "on what is not the performer")):
+        mask.add_argument(
+            f"--{name}", type=_coordinate, nargs=2, action="append", default=[], metavar=("X", "Y"),
+            help=f"column and row of a pixel {text}, from the upper left corner of the image; may be repeated",
+        )  # fmt: skip
+
     remove = _kind(kinds, "remove", "remove an edit", _remove)
-    names = "trim, crop, ground, floaters, world, regions, details, or all"
+    names = "trim, crop, ground, floaters, world, regions, details, masks, or all"
     remove.add_argument("name", metavar="NAME", help=names)
     remove.add_argument(
-        "number", type=int, nargs="?", metavar="NUMBER", help="number of a region or detail, from `v3studio edit list`"
+        "number",
+        type=int,
+        nargs="?",
+        metavar="NUMBER",
+        help="number of a region, detail or mask (see `list`)",
     )
 
     _kind(kinds, "undo", "undo the last change", partial(_step, "undo"))
@@ -278,6 +295,25 @@ def _detail(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     return _change(take, edits, "details", [*before, mark.model_dump(mode="json")])
 
 
+def _mask(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
+    footage, camera, frame = _footage(take), arguments.camera, arguments.frame
+    if footage is not None and camera not in footage.camera_names:
+        fix = f"Choose one of {', '.join(footage.camera_names)}."
+        raise invalid_option("--camera", f"the footage has no camera '{camera}'", fix, camera)
+    if footage is not None and frame not in footage.frames:
+        fix = f"It has frames {footage.frames[0]} to {footage.frames[-1]}."
+        raise invalid_option("--frame", f"the take has no frame {frame}", fix, frame)
+    clicks = [
+        {"camera": camera, "frame": frame, "at": at, "performer": performer}
+        for performer, places in ((True, arguments.performer), (False, arguments.background))
+        for at in places
+    ]
+    if not clicks:
+        problem = "neither --performer nor --background is given"
+        raise invalid_option("--performer", problem, "Example: --performer 310 120.")
+    return _change(take, edits, "masks", [*(edit.model_dump(mode="json") for edit in edits.masks), *clicks])
+
+
 def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     from v3studio.pipelines.takes.authored.edits import change_edits, singular
     from v3studio.studio.edits.edit_list import EditList
@@ -339,11 +375,17 @@ def _checked(before: EditList, name: str, value: object) -> EditList:
         raise invalid_option(where, problem, fix, given, edit=name) from None
 
 
-def _frames(take: Take) -> tuple[int, ...]:
-    """The take's frames, by their numbers in the footage; none if it cannot be opened here."""
+def _footage(take: Take) -> Footage | None:
+    """The take's footage; None if it cannot be opened here."""
     from v3studio.pipelines.config import load_config
     from v3studio.pipelines.stages.inputs import Inputs
 
     with suppress(StudioError):
-        return Inputs(take, load_config(take.config)).raw_footage.frames
-    return ()
+        return Inputs(take, load_config(take.config)).raw_footage
+    return None
+
+
+def _frames(take: Take) -> tuple[int, ...]:
+    """The take's frames, by their numbers in the footage; none if it cannot be opened here."""
+    footage = _footage(take)
+    return () if footage is None else footage.frames

@@ -39,6 +39,7 @@ EDIT_WORDS = {  # what the edits are called, by their name
     "regions": "the lasso and brush regions",
     "world": "the placement of the world",
     "details": "the marked details",
+    "masks": "the clicks on masks",
 }
 
 DONE, PARTIAL, STALE, FAILED, MISSING = "done", "partial", "stale", "failed", "missing"

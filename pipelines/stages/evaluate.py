@@ -83,6 +83,7 @@ def params(inputs: Inputs) -> Params:
         "frames": list(inputs.raw_footage.frames),
         **settings_affecting(inputs.config, "evaluation"),
         **edit_params(inputs.edits),
+        **edit_params(inputs.edits, "masks"),
     }
 
 

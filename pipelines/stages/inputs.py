@@ -100,11 +100,11 @@ class Inputs:
             self.__dict__.pop(name, None)
 
     def seen_by_training(self) -> Params:
-        """The footage's digest, and the settings and the crop box that affect training views."""
+        """The footage's digest, and the settings and the edits that affect training views."""
         return {
             "footage": self.footage_digest,
             **settings_affecting(self.config, "training_views"),
-            **(edit_params(self.edits, "crop") if self.training_box else {}),
+            **edit_params(self.edits, "masks", *(["crop"] if self.training_box else [])),
         }
 
     def opened(self, rig: Rig | None) -> Footage:
@@ -116,6 +116,7 @@ class Inputs:
             self.capture, rig, cache_folder=self.take.footage_cache, device=run.device, threads=run.thread_count,
             most_cached=self.most_cached, every_camera=True, evaluation_masks=self.config.evaluate.exact_masks,
             without_masks=() if rig is None else self.raw_footage.without_masks,
+            mask_clicks=() if rig is None else self.edits.masks,  # so that cameras stay as they are
         )  # fmt: skip
 
     @property

@@ -1,6 +1,6 @@
 """The edits of a take: what is cut off, taken out and moved after training, without changing what was trained.
 
-Two of them change training, too: a crop box that says so, and details, which get more splats.
+Three of them change training, too: a crop box that says so, details, which get more splats, and clicks on masks.
 
 All positions are in the take's own frame (studio.own_frame), which is the world of the capture unless its cameras are
 far from zero, very large or very small: so an edit stays where it is when the world is placed differently.
@@ -16,12 +16,14 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from v3studio.studio.cameras import Camera
 from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.corrections import MaskClick
 from v3studio.studio.rotations import quats_to_matrices
 from v3studio.studio.similarity import Similarity, rotation_between
 
 MOST_POINTS = 400  # most points of a region's outline
 MOST_REGIONS = 100  # most regions of a take
 MOST_DETAILS = 20  # most marked details of a take
+MOST_CLICKS = 1000  # most clicks that correct the masks of a take
 DETAIL_WEIGHT = 4.0  # weight of a detail unless another is given
 UP = (0.0, 1.0, 0.0)  # where up is in a world for which `World.up` is set: as in glTF, three.js and most engines
 
@@ -278,6 +280,7 @@ class EditList(Edit):
     regions: tuple[Region, ...] = Field(default=(), max_length=MOST_REGIONS)
     world: World | None = None
     details: tuple[DetailMark, ...] = Field(default=(), max_length=MOST_DETAILS)
+    masks: tuple[MaskClick, ...] = Field(default=(), max_length=MOST_CLICKS)
 
     @property
     def removes(self) -> bool:
@@ -289,7 +292,7 @@ class EditList(Edit):
         return Similarity() if self.world is None else self.world.similarity
 
     def without(self, name: str, at: int | None = None) -> EditList:
-        """A copy without the edit of this name; of regions and details, without that at the index `at`, or all."""
+        """A copy without the edit of this name; of those with several, without that at the index `at`, or all."""
         those = getattr(self, name)
         if not isinstance(those, tuple):
             return self.with_(**{name: None})

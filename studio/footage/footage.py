@@ -16,6 +16,7 @@ from v3studio.studio.chroma import ChromaSampling
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.footage.sound import CaptureSound
 from v3studio.studio.footage.warp import Warp
+from v3studio.studio.masks.corrections import Corrections, MaskClick
 from v3studio.studio.masks.mask_files import FileMaskSource
 from v3studio.studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet, masked_cameras
 from v3studio.studio.masks.models import MODELS
@@ -42,6 +43,7 @@ class Footage:
         mask_source: the source of the masks.
         problems: problems with the set of files; empty unless the footage was opened with strict=False.
         sound: the sound of the footage; None without `spec.audio`.
+        mask_clicks: which correct its masks, see `studio.masks.corrections`.
     """
 
     spec: CaptureSettings
@@ -61,6 +63,7 @@ class Footage:
     _garbage: GarbageMasks | None = None
     without_masks: tuple[str, ...] = ()
     not_chosen: tuple[str, ...] = ()
+    mask_clicks: tuple[MaskClick, ...] = ()
 
     def __post_init__(self) -> None:
         self.camera_names = tuple(self._sources)
@@ -68,6 +71,10 @@ class Footage:
         # A separate cache: in a shared one, the maps of a large rig would evict all images.
         self._undistortion_maps = image_cache(self._cache.limit // 4)
         self._rig = Rig(tuple(warp.camera for warp in self._warps.values())) if self._warps is not None else None
+        cameras = {name: warp.source for name, warp in (self._warps or {}).items()}
+        self._corrections = Corrections(
+            self.mask_clicks, self.frames, self.raw_image, self._found_mask, cameras, self.train_cameras
+        )
         self._digests: dict[tuple[tuple[Path, str], ...], str] = {}
 
     @property
@@ -264,16 +271,20 @@ class Footage:
         key = ("raw mask", camera, frame)
         cached = self._cache.get(key)
         if cached is None:
-            raw = self._raw(camera, frame)
-            if not masked_cameras(self.mask_source, (camera,)):
-                problem = f"no masks of camera '{camera}'"
-                raise StudioError("mask.missing", problem, camera=camera, frames=(frame,), kind="mask")
-            mask = self.mask_source.mask(camera, frame, raw)
-            inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
-            cached = (mask if inside is None else np.where(inside, mask, 0).astype(np.uint8),)
+            cached = (self._corrections.corrected(camera, frame, self._found_mask(camera, frame)),)
             if isinstance(self.mask_source, Recolors) or self._warp(camera).source.fisheye:
                 self._cache.put(key, cached)
         return cached[0]
+
+    def _found_mask(self, camera: str, frame: int) -> np.ndarray:
+        """The raw mask before it is corrected by hand."""
+        raw = self._raw(camera, frame)
+        if not masked_cameras(self.mask_source, (camera,)):
+            problem = f"no masks of camera '{camera}'"
+            raise StudioError("mask.missing", problem, camera=camera, frames=(frame,), kind="mask")
+        mask = self.mask_source.mask(camera, frame, raw)
+        inside = self._garbage.inside(camera, frame, raw) if self._garbage is not None else None
+        return mask if inside is None else np.where(inside, mask, 0).astype(np.uint8)
 
     def _mask(self, camera: str, frame: int, mask_source: MaskSource, kind: str) -> np.ndarray:
         key = (kind, camera, frame)

@@ -23,6 +23,7 @@ from v3studio.studio.footage.footage import Footage
 from v3studio.studio.footage.matching import refuse_missing, rig_of_footage
 from v3studio.studio.footage.sound import find_sound
 from v3studio.studio.footage.warp import Warp, fit_size
+from v3studio.studio.masks.corrections import MaskClick
 from v3studio.studio.masks.garbage_masks import garbage_masks
 from v3studio.studio.masks.mask_files import exact_masks
 from v3studio.studio.masks.mask_source import MaskInputs, masked_cameras
@@ -48,6 +49,7 @@ def open_footage(
     every_camera: bool = False,
     evaluation_masks: str | None = None,
     without_masks: Sequence[str] = (),
+    mask_clicks: Sequence[MaskClick] = (),
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
@@ -76,6 +78,7 @@ def open_footage(
             none.
         without_masks: cameras that are known to have no masks, `Footage.without_masks` before calibration. They are not
             expected in `rig`.
+        mask_clicks: corrections of masks by hand, see `studio.masks.corrections`.
 
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
@@ -139,7 +142,7 @@ def open_footage(
     return Footage(
         spec, sources, frames, held_out, rate / spec.frame_range[2], mask_source, exact, warps, pool, cache,
         tuple(filter(None, notes)), tuple(filter(None, choices)), tuple(problems), sound, garbage, left_out,
-        tuple(name for name in known if name not in names),
+        tuple(name for name in known if name not in names), tuple(mask_clicks),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import numpy as np
 
 from v3studio.gui.drawing.canvas import Canvas, line_height, shortened, wrapped
 from v3studio.gui.drawing.compare import boxes
-from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, GROUND, HELD_OUT, RAISED, TEXT
+from v3studio.gui.drawing.palette import ACCENT, BAD, DIM, GOOD, GROUND, HELD_OUT, RAISED, TEXT
 from v3studio.gui.models.held_out import held_out_first
 from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.playback.image_zoom import Magnifier
@@ -32,9 +33,15 @@ from v3studio.studio.errors import Cancelled, Message, StudioError
 from v3studio.studio.footage import Footage, check_footage, open_footage
 from v3studio.studio.footage.checks import ColorDrift
 from v3studio.studio.masks.agreement.source import AgreedMaskSource
+from v3studio.studio.masks.corrections import REACH, MaskClick
 from v3studio.studio.memory_cache import image_cache
 
-DRAWING = "click corners, the first again to close; right click takes back or deletes; Escape: all cameras"
+DRAWS = {
+    ViewMode.GARBAGE: "click corners, the first again to close; right click takes back or deletes; Escape: all cameras",
+    ViewMode.CORRECT: f"click the performer, right click what is not, a dot to take it back; for {REACH} frames before "
+    "and after, and for other cameras",
+}
+"""Modes in which clicks on a camera that is shown alone draw, with a hint."""
 
 TINT = np.array(ACCENT, np.float32)
 
@@ -49,7 +56,7 @@ class CaptureView(StageView):
     """Thumbnails of all cameras, or one of them (`camera`; `image_at`: it, and where its image is), with masks or
     without; and with garbage masks, which are drawn on one camera. `footage_check` checks all of it."""
 
-    modes = (ViewMode.MASKS, ViewMode.EVIDENCE, ViewMode.GARBAGE)
+    modes = (ViewMode.MASKS, ViewMode.EVIDENCE, ViewMode.GARBAGE, ViewMode.CORRECT)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -59,6 +66,8 @@ class CaptureView(StageView):
         self.garbage = GarbageDrawing(workspace)
         self.image_at: tuple[str, Magnifier] | None = None
         self._at = ""  # how far the image is drawn
+        self.corrected: Signal[[MaskClick]] = Signal()  # add a click, or take it back if there is the same
+        self._frame = 0  # on screen, by its number
         self.wanted: Signal[[str, int]] = Signal()  # a problem was clicked: its camera and the number of its frame
         self._judge: LatestWorker[tuple[_Reduced, int], tuple[MaskVerdict, ...]] = LatestWorker(
             lambda asked: judged(asked[0].footage, asked[1]), "v3studio masks", self._judged
@@ -87,7 +96,7 @@ class CaptureView(StageView):
             self.footage_check.forget()  # it was about other settings
         garbage = (self.garbage.stamp, self.garbage.corners)
         check = (self.footage_check.words, tuple(self.footage_check.problems), len(self.verdicts))
-        return (capture, garbage, self.camera, self.frame, self.mode, *check, self.em)
+        return (capture, garbage, self._clicks, self.camera, self.frame, self.mode, *check, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         opened = self._open()
@@ -114,6 +123,13 @@ class CaptureView(StageView):
         return canvas.pixels
 
     @property
+    def _clicks(self) -> tuple[MaskClick, ...]:
+        """The clicks that correct masks; none if they cannot be read."""
+        with suppress(StudioError):
+            return self.workspace.context.edits.masks if self.workspace.context is not None else ()
+        return ()
+
+    @property
     def _small(self) -> int:
         return round(0.85 * self.em)
 
@@ -122,11 +138,11 @@ class CaptureView(StageView):
         if context is None:
             return None
         take, config = context.take, context.config
-        of = (take.root, config.capture, config.run.paths, self.garbage.stamp, modified(take.rig))
+        of = (take.root, config.capture, config.run.paths, self.garbage.stamp, self._clicks, modified(take.rig))
         if self._reduced is None or self._reduced_of != of:
             self._reduced = None
             self.verdicts = {}
-            self._reduced, self._reduced_of = _Reduced(*_footage(context)), of
+            self._reduced, self._reduced_of = _Reduced(*_footage(context, self._clicks)), of
         return self._reduced
 
     def forget(self) -> None:
@@ -140,7 +156,7 @@ class CaptureView(StageView):
         verdicts = {verdict.camera: verdict for verdict in self._verdicts_of(opened, frame) if verdict.wrong}
         if not alone:  # the worst first
             names = [*verdicts, *(name for name in names if name not in verdicts)]
-        draws = alone and self.mode == ViewMode.GARBAGE
+        draws = alone and self.mode in DRAWS
         places: list[tuple[str, np.ndarray]] = []
         image_at = self.image_at = None
         drawn = self.garbage.polygons() if self.mode == ViewMode.GARBAGE else {}
@@ -156,10 +172,14 @@ class CaptureView(StageView):
             try:
                 picture = self._thumbnail(opened, name, frame, WIDEST if alone else WIDE)
                 left, top, wide, high = canvas.fit_image(x, y, width, room, picture)
-                if self.mode == ViewMode.GARBAGE:
+                if self.mode in DRAWS:
                     at = Magnifier(footage.raw_size(name), (left, top, wide, high))
                     draw_garbage(canvas, at, drawn.get(name), self.garbage.corners if alone else ())
+                    for click in self._clicks_on(name, frame):
+                        x_at, y_at = at.shown(np.array([click.at]))[0]
+                        canvas.dot(x_at, y_at, 5, GOOD if click.performer else BAD)
                     image_at = (name, at) if alone else None
+                    self._frame = frame
                 if held_out or name in verdicts:
                     for inset in range(1 + 2 * (name in verdicts)):
                         edge = (left + inset, top + inset, wide - 2 * inset, high - 2 * inset)
@@ -173,7 +193,7 @@ class CaptureView(StageView):
             label += f": {verdicts[name].words}" if name in verdicts else ""
             if self.mode == ViewMode.EVIDENCE:
                 label += opened.own_share(name, frame)
-            label += f": {DRAWING}" if draws else "; click for all cameras" if alone else ""
+            label += f": {DRAWS[self.mode]}" if draws else "; click for all cameras" if alone else ""
             shade = BAD if name in verdicts else TEXT
             canvas.text(x + width / 2, y + room + 2, label, self._small, shade, align="middle", width=width)
         self.places, self.image_at = places, image_at
@@ -200,7 +220,7 @@ class CaptureView(StageView):
             evidence = opened.evidence(name, frame)
             return np.repeat((255 * evidence).astype(np.uint8)[..., None], 3, axis=2)
         mask = opened.mask(name, frame, widest)
-        if self.mode == ViewMode.GARBAGE:  # bright, since one looks for what is not the performer
+        if self.mode in DRAWS:  # bright, since one looks for what is not the performer
             return outlined(small, mask)
         alpha = mask[..., None] / np.float32(255)
         return outlined(small * (0.35 + 0.65 * alpha), 255 * alpha[..., 0])
@@ -210,15 +230,41 @@ class CaptureView(StageView):
         for top, below, problem in self._lines:
             if top <= y < below and problem.camera:
                 self.wanted.emit(problem.camera, problem.frame)
-        camera, at = self.image_at or ("", None)
-        if at is not None and self.mode == ViewMode.GARBAGE and camera == self.camera:
-            self.garbage.click(camera, at.pixel(x, y), (at.width, at.height), 0.6 * self.em / at.scale)
+        if (drawn := self._drawn_at(x, y)) is not None:
+            camera, pixel, size, scale = drawn
+            if self.mode == ViewMode.GARBAGE:
+                self.garbage.click(camera, pixel, size, 0.6 * self.em / scale)
+            else:
+                self._correct(camera, pixel, True, scale)
 
     def right_click(self, x: float, y: float) -> None:
-        """Take back a corner, or delete the garbage mask under the pointer."""
+        """Take back a corner, or delete the garbage mask under the pointer; or say what is not the performer."""
+        if (drawn := self._drawn_at(x, y)) is not None:
+            camera, pixel, size, scale = drawn
+            if self.mode == ViewMode.GARBAGE:
+                self.garbage.right_click(camera, pixel, size)
+            else:
+                self._correct(camera, pixel, False, scale)
+
+    def _drawn_at(self, x: float, y: float) -> tuple[str, tuple[float, float], tuple[int, int], float] | None:
+        """The camera that is drawn on, the pixel at a place of the view, size and scale; None: nothing is drawn on."""
         camera, at = self.image_at or ("", None)
-        if at is not None and self.mode == ViewMode.GARBAGE and camera == self.camera:
-            self.garbage.right_click(camera, at.pixel(x, y), (at.width, at.height))
+        if at is None or self.mode not in DRAWS or camera != self.camera:
+            return None
+        if self.mode == ViewMode.CORRECT and not at.holds(x, y):
+            return None
+        return camera, at.pixel(x, y), (at.width, at.height), at.scale
+
+    def _clicks_on(self, camera: str, frame: int) -> list[MaskClick]:
+        shown = self.mode == ViewMode.CORRECT
+        return [click for click in self._clicks if shown and (click.camera, click.frame) == (camera, frame)]
+
+    def _correct(self, camera: str, pixel: tuple[float, float], performer: bool, scale: float) -> None:
+        """Add a click to those of the frame on screen, or take back the one that was hit."""
+        reach = 0.4 * self.em / scale
+        near = [click for click in self._clicks_on(camera, self._frame) if math.dist(click.at, pixel) < reach]
+        click = MaskClick(camera=camera, frame=self._frame, at=pixel, performer=performer)
+        self.corrected.emit(near[0] if near else click)
 
     def check(self) -> None:
         """Check the footage, see `FootageCheck`, on a separate thread."""
@@ -268,7 +314,7 @@ class _Reduced:
         return self._kept.get_or_make(key, made)[0]
 
 
-def _footage(context: Inputs) -> tuple[Footage, bool]:
+def _footage(context: Inputs, clicks: Sequence[MaskClick]) -> tuple[Footage, bool]:
     """The footage with its problems, which are shown, and few decoded images; and whether it has the take's cameras,
     which may no longer fit it."""
     run, rig = context.config.run, context.take.rig
@@ -276,7 +322,7 @@ def _footage(context: Inputs) -> tuple[Footage, bool]:
     def opened(cameras: Rig | None) -> Footage:
         return open_footage(
             context.capture, cameras, strict=False, most_cached=DECODED_BYTES,
-            cache_folder=context.take.footage_cache, device=run.device, threads=run.thread_count,
+            cache_folder=context.take.footage_cache, device=run.device, threads=run.thread_count, mask_clicks=clicks,
         )  # fmt: skip
 
     if rig.is_file():
@@ -349,7 +395,7 @@ class FootageCheck:
             self._go_on()
             self.words = f"checking the footage, {done} of {total} images"
 
-        footage, calibrated = _footage(context)
+        footage, calibrated = _footage(context, context.edits.masks)
         drift = ColorDrift()
         found = [*map(Problem.of, (*check_footage(footage, progress, drift=drift), *drift.messages()))]
         why, verdicts = why_not_judged(footage, calibrated), list[MaskVerdict]()

@@ -20,8 +20,18 @@ from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.cameras import Camera
 from v3studio.studio.counts import counted
-from v3studio.studio.edits.edit_list import MOST_POINTS, EditList, Floaters, Region, RegionView, Trim, World
+from v3studio.studio.edits.edit_list import (
+    MOST_CLICKS,
+    MOST_POINTS,
+    EditList,
+    Floaters,
+    Region,
+    RegionView,
+    Trim,
+    World,
+)
 from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.corrections import MaskClick
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +103,7 @@ class Editor:
         # in a narrow window, more would not fit; List shows all
         words = {kind: counted(len(getattr(self.edits, kind)), kind[:-1]) for kind in ("regions", "details")}
         words |= {"trim": f"trim to {descriptions.get('trim')}", "regions": f"{words['regions']} removed"}
+        words["masks"] = counted(len(self.edits.masks), "click") + " on masks"
         kinds = dict.fromkeys(name.partition(" ")[0] for name in descriptions)
         return f"Edits: {', '.join(words.get(kind, kind) for kind in kinds)}"
 
@@ -181,6 +192,16 @@ class Editor:
         """Say why something is refused; returns that sentence."""
         self.refusal.emit(why)
         return why
+
+    def correct_mask(self, click: MaskClick) -> None:
+        """Add a click that corrects a mask, or take it back if there is the same."""
+        clicks = self.edits.masks
+        left = tuple(other for other in clicks if other != click)
+        where = f"mask of {click.camera}, frame {click.frame}"
+        if len(left) == MOST_CLICKS:
+            self.refuse("There are too many clicks on masks already.")
+        else:
+            self.commit(self.edits.with_(masks=left if len(left) < len(clicks) else (*clicks, click)), where)
 
     def _remove(self) -> None:
         """Remove what is selected; ask first in which frames if it was drawn and there are several groups."""

@@ -16,7 +16,17 @@ from v3studio.pipelines.takes.files.locks import changing
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.atomic_files import write_json
 from v3studio.studio.camera_files import read_rig
-from v3studio.studio.edits.edit_list import CropBox, DetailMark, EditList, Floaters, Ground, Region, Trim, World
+from v3studio.studio.edits.edit_list import (
+    CropBox,
+    DetailMark,
+    EditList,
+    Floaters,
+    Ground,
+    MaskClick,
+    Region,
+    Trim,
+    World,
+)
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData
 from v3studio.studio.own_frame import own_frame, undone
@@ -134,12 +144,12 @@ PREFIX = "edits."  # of the names of parameters that are edits
 
 
 def edit_params(edits: EditList, *names: str) -> dict[str, JsonData]:
-    """The edits of these names (none: all but the marked details, which only training uses), as parameters of a
+    """The edits of these names (none: all but marked details and masks, which training uses), as parameters of a
     stage: nothing without edits, so that results without them stay as they are."""
     dumped = edits.model_dump(mode="json")
     if dumped["crop"] is not None:
         del dumped["crop"]["training"]  # whether training sees the box, too, changes nothing here
-    chosen = names or [name for name in dumped if name != "details"]
+    chosen = names or [name for name in dumped if name not in ("details", "masks")]
     return {f"{PREFIX}{name}": dumped[name] for name in chosen if dumped[name] not in (None, [])}
 
 
@@ -154,7 +164,7 @@ def placed_world(edits: EditList, frame: Similarity) -> Similarity:
 
 
 def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]:
-    """Words for each edit, by name; a region counts as `regions 1`, `regions 2`, ..., a detail as `details 1`. With a
+    """Words for each edit, by name: `regions 1`, `regions 2`, ..., `details 1`, `masks 1`. With a
     `frame` from `frame_of`, positions and sizes are in the world that the edits place, else in that of the cameras, as
     `v3studio edit` takes them; without, in the take's own frame."""
     placed = edits.similarity if frame is None else placed_world(edits, frame)
@@ -174,10 +184,12 @@ def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]
 def singular(name: str) -> str:
     """A kind of edit, or a name of `describe`, as people say it: "region 1" for "regions 1"."""
     kind, space, number = name.partition(" ")
-    return f"{kind.removesuffix('s') if kind in ('regions', 'details') else kind}{space}{number}"
+    return f"{kind.removesuffix('s') if kind in ('regions', 'details', 'masks') else kind}{space}{number}"
 
 
-def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailMark, placed: Similarity) -> str:
+def words_of(
+    edit: Trim | CropBox | Ground | Floaters | Region | World | DetailMark | MaskClick, placed: Similarity
+) -> str:
     """An edit in a few words, with positions and sizes in the world to which `placed` leads from the capture's.
 
     The world itself is described in that of the capture, and distances between clusters are in its units.
@@ -208,6 +220,9 @@ def words_of(edit: Trim | CropBox | Ground | Floaters | Region | World | DetailM
             frames = f"frame {first}" if first == last else f"frames {first} to {last}, in the first"
             ball = f"radius {placed.scale * edit.radius:.4g}, weight {edit.weight:g}"
             return f"{ball}, {frames} at {_point(placed.points(np.array(place)))}"
+        case MaskClick():
+            kind = "performer" if edit.performer else "not the performer"
+            return f"{edit.camera}, frame {edit.frame}: {kind} at {edit.at[0]:.4g}, {edit.at[1]:.4g}"
         case World():
             parts = [] if edit.up is None else [f"up {_point(edit.up)}"]
             parts += [f"origin {_point(edit.origin)}"] if any(edit.origin) else []

@@ -6,7 +6,9 @@ import pytest
 
 from tests.support.streams import contents
 from tests.support.tiny_capture import Here
+from v3studio.pipelines.config import load_config
 from v3studio.pipelines.review.take_review import TakeReview
+from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.takes.authored.edits import change_edits, read_edits
 from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.results.point_files import read_points
@@ -101,6 +103,24 @@ def test_a_box_for_training_makes_training_stale_and_masks_what_it_sees(here: He
     assert np.array_equal(read_points_of(take), whole)
 
 
+def test_a_click_on_a_mask_makes_training_stale_but_not_the_cameras(here: Here, take: Path) -> None:
+    def mask() -> np.ndarray:
+        opened = Take.open(take)
+        return Inputs(opened, load_config(opened.config)).calibrated_footage.raw_mask("cam1", 0)
+
+    before = mask()
+    place = np.argwhere(before == 0)[0][::-1]
+    here("edit", "mask", take, "--camera", "cam1", "--frame", 0, "--performer", *place).ok()
+    assert mask()[place[1], place[0]] == 255
+    assert "masks 1" in here("edit", "list", take).ok().stdout
+    stages = states(here, take)
+    assert stages["calibrate"]["state"] == "done"
+    assert stages["initialize"]["reason"] == "the clicks on masks were set"
+    assert stages["train"]["state"] != "done"
+    here("edit", "undo", take).ok()
+    np.testing.assert_array_equal(mask(), before)
+
+
 def test_a_detail_is_trained_with_more_splats_and_as_before_when_that_is_undone(here: Here, take: Path) -> None:
     opened = Take.open(take)
     files = [opened.trained_frame(*place) for place in ((0, 0), (0, 1), (1, 3))]
@@ -144,6 +164,9 @@ def read_points_of(take: Path) -> np.ndarray:
         (("floaters", "--share", 2), "floaters.share"),
         (("world", "--from", 0, 0, 0, "--distance", 1), "--from, --to and --distance are used together"),
         (("world", "--scale", 0), "world.scale"),
+        (("mask", "--camera", "cam7", "--frame", 0, "--performer", 1, 1), "no camera 'cam7'"),
+        (("mask", "--camera", "cam0", "--frame", 7, "--performer", 1, 1), "the take has no frame 7"),
+        (("mask", "--camera", "cam0", "--frame", 0), "neither --performer nor --background"),
         (("remove", "box"), "there is no edit named 'box'"),
         (("remove", "regions", 1), "there is no region 1"),
         (("remove", "detail", 1), "there is no detail 1"),
