@@ -135,10 +135,9 @@ web/engines/node_modules/.stamp: web/engines/package-lock.json web/engines/packa
 	@touch $@
 
 PACKAGE ?= build/package
-CAST ?= v3studio/player/cast
-web-package: web/node_modules/.stamp web/engines/node_modules/.stamp ## build the npm package @v3studio/player, and the page of a cast
+web-package: web/node_modules/.stamp web/engines/node_modules/.stamp ## build the npm package @v3studio/player
 	@$(NODE) web/schema.mjs
-	@$(NODE) web/pack.mjs "$(PACKAGE)" "$(CAST)"
+	@$(NODE) web/pack.mjs "$(PACKAGE)"
 	@cd "$(PACKAGE)" && $(NPM) pack --silent --pack-destination ..
 
 web-lint: web/node_modules/.stamp web/engines/node_modules/.stamp

@@ -133,7 +133,7 @@ def test_no_modules_import_in_a_circle() -> None:
     assert_no_circle(edges)
 
 
-WEB = ("stream", "worker", "render", "player", "xr", "ui", "review")
+WEB = ("stream", "worker", "render", "player", "xr", "ui", "review", "cast")
 """Folders of web/src, bottom up: each may import itself and the ones before it."""
 
 

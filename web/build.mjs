@@ -1,5 +1,5 @@
 // Builds the player into ../v3studio/player: the page, one script with the worker inside, the same in two parts, of which the
-// first shows an image and then fetches the rest, and a script that only pages for reviews load.
+// first shows an image and then fetches the rest, and scripts that only pages for reviews and for casts load.
 import { build } from "esbuild";
 import { createHash } from "node:crypto";
 import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
@@ -14,6 +14,8 @@ const REVIEW_LIMIT = 20_000;
 
 const player = await build({ ...common, plugins, entryPoints: ["src/main.ts"], format: "esm", write: false });
 const review = await build({ ...common, plugins: [styles], entryPoints: ["src/review/main.ts"], format: "esm", write: false });
+
+const cast = await build({ ...common, plugins, entryPoints: ["src/cast/main.ts"], format: "esm", write: false });
 
 const rest = (await build({ ...common, plugins, entryPoints: ["src/ui/rest.ts"], format: "esm", write: false })).outputFiles[0].text;
 const restName = `v3-rest-${createHash("sha256").update(rest).digest("hex").slice(0, 10)}.js`;
@@ -35,6 +37,7 @@ const script = player.outputFiles[0].text;
 const page = await readFile(join(here, "src", "index.html"), "utf8");
 await writeFile(join(out, "v3-player.js"), script);
 await writeFile(join(out, "v3-review.js"), review.outputFiles[0].text);
+await writeFile(join(out, "v3-cast.js"), cast.outputFiles[0].text);
 await writeFile(join(out, "index.html"), page);
 
 const size = gzipSync(script, { level: 9 }).length + gzipSync(page, { level: 9 }).length;
@@ -43,7 +46,7 @@ console.log(`player: ${script.length + page.length} bytes, ${size} gzipped (the 
 const firstSize = gzipSync(first, { level: 9 }).length;
 console.log(`for the first image: ${first.length} bytes, ${firstSize} gzipped; the rest ${gzipSync(rest, { level: 9 }).length}`);
 const reviewSize = gzipSync(review.outputFiles[0].text, { level: 9 }).length;
-console.log(`review: ${reviewSize} bytes gzipped`);
+console.log(`review: ${reviewSize} bytes gzipped; cast: ${gzipSync(cast.outputFiles[0].text, { level: 9 }).length}`);
 if (size > LIMIT || firstSize > FIRST_LIMIT || reviewSize > REVIEW_LIMIT) {
   console.error(`Gzipped, the player is larger than ${LIMIT} bytes, its first part than ${FIRST_LIMIT}, or the review than ${REVIEW_LIMIT}.`);
   process.exit(1);

@@ -1,8 +1,6 @@
 // Builds the npm package @v3studio/player into a folder, from which `npm pack` makes an archive.
 //
-// node pack.mjs FOLDER PAGES
-//
-// PAGES is the folder for the script of a cast's page, which includes three.js and Spark.
+// node pack.mjs FOLDER
 import { build } from "esbuild";
 import { spawnSync } from "node:child_process";
 import { copyFile, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
@@ -10,7 +8,7 @@ import { join, resolve } from "node:path";
 import { gzipSync } from "node:zlib";
 import { common, here, plugins } from "./bundle.mjs";
 
-const [out, pages] = process.argv.slice(2, 4).map((name) => resolve(name));
+const out = resolve(process.argv[2]);
 const ADAPTER_LIMIT = 6_000;
 const ENTRIES = { player: "src/main.ts", stream: "src/package.ts", three: "engines/three.ts", playcanvas: "engines/playcanvas.ts" };
 const JSX = ["react", "preact"];
@@ -29,15 +27,6 @@ await build({
   chunkNames: "shared-[hash]",
   outdir: out,
 });
-
-await rm(pages, { recursive: true, force: true });
-await build({ ...common, plugins, entryPoints: { "v3-cast": "engines/cast.ts" }, format: "esm", outdir: pages });
-const bundled = ["three", "@sparkjsdev/spark", "fflate"].map(async (name) => {
-  const license = await readFile(join(here, "engines", "node_modules", name, "LICENSE"), "utf8");
-  return `${name}\n\n${license.trim()}\n`;
-});
-const own = `@v3studio/player\n\n${(await readFile(join(here, "LICENSE"), "utf8")).trim()}\n`;
-await writeFile(join(pages, "licenses.txt"), [own, ...(await Promise.all(bundled))].join("\n\n"));
 
 const types = join(out, "types");
 const tsc = join(here, "node_modules", "typescript", "bin", "tsc");

@@ -1,4 +1,4 @@
-"""The document of a cast: a small JSON file that says where several streams, static splats and models are."""
+"""The document of a cast: a small JSON file that says where several streams and static splats are."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from v3studio.studio.stream.manifest import MANIFEST_NAME
 MAX_ITEMS = 100
 
 SPLATS = (".ply", ".splat", ".ksplat", ".spz", ".sog")
-MODELS = (".glb",)
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Triple = tuple[Number, Number, Number]
@@ -26,11 +25,10 @@ class _Part(BaseModel):
 
 
 class Item(_Part):
-    """A stream, static splats or a model: exactly one of them."""
+    """A stream or static splats: exactly one of them."""
 
     stream: str | None = None  # folder of a take or a stream, a .v3s file, or a URL; paths are relative to the document
     splats: str | None = None  # A .ply, .splat, .ksplat, .spz or .sog file
-    model: str | None = None  # A .glb file
 
     position: Triple = (0.0, 0.0, 0.0)
     """The place of the origin in meters; y is up, and the ground is at 0. A stream's lowest point is put there."""
@@ -43,11 +41,10 @@ class Item(_Part):
 
     @model_validator(mode="after")
     def _is_one(self) -> Item:
-        if sum(source is not None for source in (self.stream, self.splats, self.model)) != 1:
-            raise ValueError("must have exactly one of stream, splats and model")
-        for value, endings in ((self.splats, SPLATS), (self.model, MODELS)):
-            if value is not None and not value.lower().endswith(endings):
-                raise ValueError(f"must end in {' or '.join(endings)}, found {value}")
+        if (self.stream is None) == (self.splats is None):
+            raise ValueError("must have either stream or splats")
+        if self.splats is not None and not self.splats.lower().endswith(SPLATS):
+            raise ValueError(f"must end in {' or '.join(SPLATS)}, found {self.splats}")
         return self
 
 

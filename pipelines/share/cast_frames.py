@@ -80,7 +80,7 @@ class CastSound:
 class CastFrames:
     """A cast as frames of splats, with its sound. Frames come at the highest rate of the streams, until the last has
     ended; streams that have ended before start over, and all splats have the dilation of the first stream, as on the
-    page. `models`: GLB files, and where they are."""
+    page."""
 
     name = "decoded"
     first = 0
@@ -93,7 +93,6 @@ class CastFrames:
         )
         self.background = cast.background
         self.group_starts: Sequence[int] = (0,)
-        self.models: list[tuple[Path, Similarity]] = []
         self._still: list[Gaussians] = []
         self._streams: list[_Stream] = []
         self._plane = cast.ground
@@ -102,9 +101,6 @@ class CastFrames:
             for item in cast.items:
                 self._add(item, source, stack)
             self._open = stack.pop_all()
-        if not self._streams and not self._still:
-            fix = "Add a stream or static splats."
-            raise StudioError("share.no_splats", "the window shows casts with splats only", file=source, fix=fix)
         self.fps = max((float(stream.reader.fps) for stream in self._streams), default=FALLBACK_FPS)
         ends = [stream.start + stream.reader.frame_count / stream.reader.fps for stream in self._streams]
         self.frame_count = max(1, round(min(max(ends, default=0.0), LONGEST) * self.fps))
@@ -162,19 +158,18 @@ class CastFrames:
         self._open.close()
 
     def _add(self, item: Item, source: Path, stack: ExitStack) -> None:
-        turn = Rotation.from_euler("XYZ", item.turn, degrees=True).as_matrix()
-        place = Similarity(item.scale, turn, np.array(item.position))
+        place = placement(item)
         if item.stream is not None:
             reader = stack.enter_context(StreamReader.open(stream_place(beside(item.stream, source))))
             self._streams.append(_Stream(reader, standing(reader), place, item.start))
         elif item.splats is not None:
             self._still.append(placed(read_splats(beside(item.splats, source)), place))
-        elif item.model is not None:
-            path = Path(beside(item.model, source))
-            if not path.is_file():
-                fix = f"Correct the path in {source}."
-                raise StudioError("share.bad_cast", "no such file", file=path, fix=fix)
-            self.models.append((path, place))
+
+
+def placement(item: Item) -> Similarity:
+    """The transform from the coordinates in which an item stands on y = 0, or from those of its file, to the world."""
+    turn = Rotation.from_euler("XYZ", item.turn, degrees=True).as_matrix()
+    return Similarity(item.scale, turn, np.array(item.position))
 
 
 def standing(reader: StreamReader) -> Similarity:

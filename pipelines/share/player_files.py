@@ -9,6 +9,7 @@ from pathlib import Path
 from v3studio.studio.errors import StudioError
 
 SCRIPT_NAME, FIRST_NAME, REVIEW_NAME = "v3-player.js", "v3-first.js", "v3-review.js"
+CAST_SCRIPT = "v3-cast.js"
 REST_PREFIX = "v3-rest-"
 """The beginning of the name of the part that the first one fetches once there is an image."""
 
@@ -16,12 +17,13 @@ REST_PREFIX = "v3-rest-"
 @dataclass(frozen=True)
 class PlayerFiles:
     """The player's files. `script`: all of it, for pages of one file. `review`: what only `v3studio serve --review`
-    adds to the page, a JavaScript module. `parts`: the script in two parts, by their names; pages on servers load the
-    first, which loads the other."""
+    adds to the page, a JavaScript module. `cast`: the script of a cast's page. `parts`: the script in two parts, by
+    their names; pages on servers load the first, which loads the other."""
 
     page: str
     script: bytes
     review: bytes
+    cast: bytes
     parts: Mapping[str, bytes]
 
     def hashed(self, review: bool = False) -> dict[str, bytes]:
@@ -54,6 +56,7 @@ def read_player() -> PlayerFiles:
             (folder / "index.html").read_text(encoding="utf-8"),
             (folder / SCRIPT_NAME).read_bytes(),
             (folder / REVIEW_NAME).read_bytes(),
+            (folder / CAST_SCRIPT).read_bytes(),
             {path.name: path.read_bytes() for path in (folder / FIRST_NAME, *folder.glob(f"{REST_PREFIX}*.js"))},
         )
     except OSError as error:

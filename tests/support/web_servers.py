@@ -16,6 +16,7 @@ PLAYER = PlayerFiles(
     '<script type="module" src="v3-player.js"></script>',
     b"export {};",
     b"review();",
+    b"cast();",
     {"v3-first.js": b"import('./v3-rest-0.js');", "v3-rest-0.js": b"export {};"},
 )
 """A player of a few bytes, with the places that a page fills in."""

@@ -18,14 +18,8 @@ import torch
 from driver import Baked, OpenPage, Site, psnr
 from PIL import Image
 
-from tests.support.glb import red_post
 from tests.support.performer import covariances
 from tests.support.shared import made_once
-from v3studio.pipelines.share.cast_frames import CastFrames
-from v3studio.pipelines.share.sharing import share
-from v3studio.studio.cameras import Camera
-from v3studio.studio.formats import ply
-from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.stream.attributes import ATTRIBUTES
 
 pytestmark = pytest.mark.web
@@ -314,87 +308,3 @@ def test_an_engine_shows_the_performer_among_meshes(package_site: Site, open_pag
     for _ in range(3):
         page.evaluate(DRAWN)
     assert not failures
-
-
-def test_a_cast_has_performers_in_their_places_with_shadows(
-    package_site: Site, installed: Path, open_page: OpenPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("v3studio.pipelines.share.cast_folder.player_folder", lambda: installed.parent / "player")
-    center, turn, size = torch.zeros(1, 3), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), -2.5)
-    ball = Gaussians(center, turn, size, torch.tensor([6.0]), torch.tensor([[[1.77, -1.77, -1.77]]]))
-    ply.write(tmp_path / "ball.ply", ball)
-    red_post(tmp_path / "post.glb")
-    stream = str(package_site.stream)
-    document = {
-        "format": "v3studio-cast",
-        "version": 1,
-        "title": "Two",
-        "background": [0, 0, 1],
-        "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0]},
-        "ground": {"color": [0.8, 0.8, 0.8], "shadow": 0.9},
-        "items": [
-            {"stream": stream, "position": [-0.8, 0, 0]},
-            {"stream": stream, "position": [0.8, 0, 0], "start": 1000},
-            {"splats": "ball.ply", "position": [0, 1, 0]},
-            {"model": "post.glb", "position": [-0.7, 0, 0.5]},
-            {"model": "post.glb", "position": [0.95, 0, -0.5]},
-        ],
-    }
-    (tmp_path / "cast.json").write_text(json.dumps(document))
-    share(tmp_path / "cast.json", package_site.folder / "together")
-    page = open_page(address=f"http://127.0.0.1:{package_site.port}/together/index.html", size=(200, 150), wait=False)
-    frames = "cast.parts.map(({performer}) => performer.playback.frame)"
-    page.handle.wait_for_function(f"globalThis.cast?.parts.length === 2 && {frames}[0] > 2")
-    assert page.evaluate(f"() => {frames}[1]") == 0  # it has not begun
-    page.handle.get_by_role("button", name="Pause").click()
-    page.handle.get_by_role("button", name="Play").wait_for()
-    timeline = page.handle.get_by_role("slider", name="Time")
-    timeline.press("Home")
-    for _ in range(3):
-        timeline.press("ArrowRight")
-    page.handle.wait_for_function(f"{frames}[0] === 3")
-    assert page.evaluate("() => cast.clock.frame") == 3
-    look = """([performers, posts]) => {
-      const {shadowRoot} = document.querySelector("v3-cast");
-      for (const part of shadowRoot.querySelectorAll(".bar, .top, .hint")) part.hidden = true;
-      for (const {performer} of cast.parts) performer.visible = performers;
-      cast.scene.traverse((object) => { if (object.name === "post") object.visible = posts; });
-    }"""
-    shown, hidden = steady_shot(page, look, [True, False]), steady_shot(page, look, [False, False])
-    both, posts = steady_shot(page, look, [True, True]), steady_shot(page, look, [False, True])
-    differs = lambda a, b: np.abs(a - b).max(axis=2) > 40  # noqa: E731
-    for side, winner in ((np.s_[:, :100], posts), (np.s_[:, 100:], shown)):  # in front of a performer, and behind one
-        together = (differs(posts, hidden) & differs(shown, hidden))[side]
-        assert together.sum() > 12
-        assert differs(both, winner)[side][together].mean() < 0.2
-    columns = np.flatnonzero(differs(shown, hidden).any(axis=0))
-    left, right = columns[columns < 100], columns[columns >= 100]
-    # Seen from 4 m at 40 degrees, 0.8 m are 41 pixels.
-    assert abs(left.mean() - 59) < 10
-    assert abs(right.mean() - 141) < 10
-    assert hidden[30:65, 95:105].max(axis=(0, 1))[0] > 200  # the ball, over a blue background
-    # Without shadows, the ground is as bright on the left as in the middle.
-    ground = hidden[92:108, :, 0].min(axis=0)
-    assert ground[55:63].min() < 0.7 * ground[95:105].min()
-    assert ground[137:145].min() < 0.7 * ground[95:105].min()
-    # The window shows the same ground.
-    cast = CastFrames(tmp_path / "cast.json")
-    window = cast.ground(3)
-    assert window is not None
-    seen_from = Camera.look_at((0, 1, 4), (0, 0.5, 0), (0, 1, 0), width=200, height=150, field_of_view=40)
-    pixels, depth = window.seen(seen_from)
-    cast.close()
-    off = np.abs(pixels.astype(int) - hidden)[np.isfinite(depth)]
-    assert np.quantile(off, 0.99) < 10
-    # On a phone, the field of view shows both to the sides.
-    page.handle.set_viewport_size({"width": 120, "height": 260})
-    page.handle.wait_for_function("cast.camera.aspect < 0.5")
-    page.evaluate(look, [True, False])
-    ends = page.evaluate(
-        """() => cast.parts.flatMap(({performer}) => {
-          const {min, max} = performer.box.applyMatrix4(performer.parent.matrixWorld);
-          return [min, max].map((corner) => corner.project(cast.camera).x);
-        })"""
-    )
-    assert max(map(abs, ends)) <= 1
-    assert max(map(abs, ends)) > 0.6

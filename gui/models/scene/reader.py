@@ -62,8 +62,7 @@ class SceneReader:
             if "mesh" in wanted.parts:
                 surfaces.append((self._file(folder / "mesh.ply", self._read_mesh, None), Similarity()))
         if wanted.cast is not None:
-            surfaces = [(self._file(path, self._read_mesh, None), place) for path, place in wanted.cast.models]
-            surfaces.append((wanted.cast.ground(wanted.frame), Similarity()))
+            surfaces = [(wanted.cast.ground(wanted.frame), Similarity())]
         body = points[0] if len(points[0]) else wanted.points
         lines: list[Lines] = []
         if len(body):

@@ -1,19 +1,22 @@
 import json
 import re
-import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 
 from tests.support.errors import refuses
 from tests.support.splats import noise, round_splats
 from tests.support.streams import bake_numbered, contents, edit_manifest
+from tests.support.web_servers import PLAYER
 from v3studio.pipelines.share.cast import read_cast
 from v3studio.pipelines.share.page import PageText
 from v3studio.pipelines.share.sharing import share
-from v3studio.studio.formats import ply
+from v3studio.studio.formats import ply, read_splats
+from v3studio.studio.stream import StreamReader
 
 ROOT = Path(__file__).parents[3]
 ITEM = {"stream": "walk"}
@@ -25,12 +28,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     said = {"credits": "Jane <Doe>", "license": "CC BY 4.0"}
     edit_manifest(bake_numbered(tmp_path / "walk", [2], 25.0), lambda manifest: manifest.update(metadata=said))
     ply.write(tmp_path / "a chair #1.ply", round_splats(noise(3)(20, 3), -2.0, 0.9))
-    built = tmp_path / "player" / "cast"
-    built.mkdir(parents=True)
-    (built / "v3-cast.js").write_text("run()")
-    (built / "licenses.txt").write_text("MIT")
-    shutil.copy2(ROOT / "web" / "src" / "index.html", built.parent)
-    monkeypatch.setattr("v3studio.pipelines.share.cast_folder.player_folder", lambda: built.parent)
+    page = (ROOT / "web" / "src" / "index.html").read_text()
+    monkeypatch.setattr("v3studio.pipelines.share.cast_folder.read_player", lambda: replace(PLAYER, page=page))
     return tmp_path
 
 
@@ -47,10 +46,16 @@ def test_the_page_has_each_stream_once(place: Path) -> None:
     site = place / "site"
     first, second, third = json.loads((site / "cast.json").read_text())["items"]
     assert contents((site / first["stream"]).parent) == contents(place / "walk")
-    assert (second["stream"], second["start"], second["turn"]) == (first["stream"], 1.5, [0, 90, 0])
-    assert third["scale"] == 2
-    copied = site / third["splats"].replace("%20", " ").replace("%23", "#")
-    assert copied.read_bytes() == (place / "a chair #1.ply").read_bytes()
+    assert (second["stream"], second["start"]) == (first["stream"], 1.5)
+    np.testing.assert_allclose(
+        np.reshape(second["place"], (3, 4)), np.eye(3, 4)[[2, 1, 0]] * [[1], [1], [-1]], atol=1e-12
+    )
+    # Static splats are a stream of one frame.
+    np.testing.assert_allclose(np.reshape(third["place"], (3, 4)), 2 * np.eye(3, 4))
+    with StreamReader.open((site / third["stream"]).parent) as still:
+        assert still.frame_count == 1
+        chair = np.sort(read_splats(place / "a chair #1.ply").means.numpy(), axis=0)
+        np.testing.assert_allclose(np.sort(still.gaussians(0).means.numpy(), axis=0), chair, atol=0.01)
     page = (site / "index.html").read_text()
     assert "<title>Two &amp; a chair</title>" in page
     assert 'data-credits="Jane &lt;Doe&gt;, CC BY 4.0"' in page
@@ -81,8 +86,8 @@ def test_the_page_has_each_stream_once(place: Path) -> None:
         ({"items": [{**ITEM, "position": [0, 0, float("nan")]}]}, "items.0.position.2"),
         ({"items": [{**ITEM, "scale": 0}]}, "items.0.scale"),
         ({"items": [{**ITEM, "start": -1}]}, "items.0.start"),
-        ({"items": [ITEM, {**ITEM, "model": "a.glb"}]}, "items.1"),
-        ({"items": [{"model": "a.obj"}]}, "items.0"),
+        ({"items": [ITEM, {**ITEM, "splats": "a.ply"}]}, "items.1"),
+        ({"items": [{"splats": "a.glb"}]}, "items.0"),
     ],
 )
 def test_a_document_that_is_refused_names_the_value(place: Path, change: dict[str, Any], key: str) -> None:
@@ -108,9 +113,6 @@ def test_what_is_missing_leaves_the_earlier_share(place: Path) -> None:
     before = contents(site)
     with refuses("share.bad_cast", file=place / "none.spz"):
         share(document(place, ITEM, {"splats": "none.spz"}), site, overwrite=True)
-    (place / "new.spz").write_bytes(b"NGSP")
-    with refuses("share.bad_cast", file=place / "new.spz"):
-        share(document(place, ITEM, {"splats": "new.spz"}), site, overwrite=True)
     with refuses("stream.not_found"):
         share(document(place, {"stream": "none"}), site, overwrite=True)
     with refuses("share.bad_cast"):

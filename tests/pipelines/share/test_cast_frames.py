@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from tests.support.errors import refuses
-from tests.support.glb import red_post
 from tests.support.sounds import click_times, clicks
 from tests.support.splats import round_splats
 from tests.support.streams import bake_numbered, edit_manifest
@@ -72,19 +71,10 @@ def test_the_sound_of_each_stream_begins_with_it_and_loops(place: Path) -> None:
     silent.close()
 
 
-def test_models_and_the_first_view(place: Path) -> None:
-    red_post(place / "post.glb")
-    post = {"model": "post.glb", "position": [0, 0, 1], "scale": 3}
-    cast = opened(place, {"splats": "dot.ply"}, post, camera={"position": [0, 1, 4], "target": [0, 1, 0], "fov": 30})
-    ((path, world),) = cast.models
-    assert path == place / "post.glb"
-    np.testing.assert_allclose(world.points(np.array([0, 1.2, 0])), [0, 3.6, 1])
+def test_static_splats_alone_and_the_first_view(place: Path) -> None:
+    cast = opened(place, {"splats": "dot.ply"}, camera={"position": [0, 1, 4], "target": [0, 1, 0], "fov": 30})
     np.testing.assert_allclose(cast.camera.center, [0, 1, 4])
     assert cast.frame_count == 1
     cast.close()
-    with refuses("share.no_splats"):
-        opened(place, post)
-    with refuses("share.bad_cast", file=place / "none.glb"):
-        opened(place, {"model": "none.glb"})
     with refuses("stream.not_found"):
         opened(place, {"stream": "none"})

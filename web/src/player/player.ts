@@ -2,7 +2,7 @@
  * and draws. */
 
 import { centerOf, depthAxis, OrbitCamera, type PartialView, type Pinhole, pinholeOf, type View, visibility } from "../render/camera.ts";
-import type { Renderer } from "../render/renderer.ts";
+import { Renderer } from "../render/renderer.ts";
 import { messageOf } from "../stream/errors.ts";
 import type { Rendition } from "../stream/manifest.ts";
 import type { Camera, Vector } from "../stream/metadata.ts";
@@ -42,7 +42,7 @@ export class Player extends Playback<Picture> {
     super(options);
     try {
       const rendered = (): void => this.emit("rendered", { frame: this.frame });
-      this.screen = new Screen(canvas, this.camera, this.statistics, rendered, (view) => this.emit("view", view));
+      this.screen = new Screen(new Renderer(canvas), canvas, this.camera, this.statistics, rendered, (view) => this.emit("view", view));
     } catch (error) {
       super.dispose();
       throw error;

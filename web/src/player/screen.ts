@@ -2,7 +2,7 @@
 
 import type { OrbitCamera, Pinhole, View } from "../render/camera.ts";
 import { resize, sizeOf } from "../render/gl.ts";
-import { Renderer } from "../render/renderer.ts";
+import type { Renderer } from "../render/renderer.ts";
 import type { Vector } from "../stream/metadata.ts";
 import { Resolution } from "./resolution.ts";
 import type { Statistics } from "./statistics.ts";
@@ -10,8 +10,6 @@ import type { Statistics } from "./statistics.ts";
 const SETTLE = 200; // milliseconds without a change after which the image is rendered at full resolution
 
 export class Screen {
-  /** Replaced by that of an immersive session while there is one. */
-  renderer: Renderer;
   readonly resolution = new Resolution();
   /** Whether the canvas must be rendered again. */
   dirty = true;
@@ -28,15 +26,16 @@ export class Screen {
   private lastView = "";
   private readonly resizing: ResizeObserver;
 
-  /** `rendered`: called when the canvas was rendered, and can be copied. StreamError: the browser cannot render. */
+  /** `renderer`: replaced by that of an immersive session while there is one. `rendered`: called when the canvas was rendered,
+   * and can be copied. */
   constructor(
+    public renderer: Renderer,
     private readonly canvas: HTMLCanvasElement,
     private readonly camera: OrbitCamera,
     private readonly statistics: Statistics,
     private readonly rendered: () => void,
     private readonly viewed: (view: View) => void,
   ) {
-    this.renderer = new Renderer(canvas);
     this.resolution.software = this.renderer.software;
     this.resizing = new ResizeObserver(() => {
       this.dirty = true;

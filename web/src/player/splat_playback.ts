@@ -5,7 +5,9 @@ import { Playback } from "./playback.ts";
 import type { StreamOptions } from "./stream.ts";
 
 export class SplatPlayback extends Playback<Splats> {
-  /** @param use - gets each frame that is due; its arrays are valid during the call only */
+  private held: Splats | null = null;
+
+  /** @param use - gets each frame that is due; its arrays are valid until the next call */
   constructor(private readonly use: (splats: Splats) => void, options: StreamOptions = {}) {
     super(options);
   }
@@ -23,7 +25,8 @@ export class SplatPlayback extends Playback<Splats> {
     const began = performance.now();
     this.use(splats);
     this.statistics.upload.add(performance.now() - began);
-    this.discard(splats);
+    if (this.held !== null) this.discard(this.held);
+    this.held = splats;
   }
 
   protected override discard(splats: Splats): void {

@@ -52,6 +52,11 @@ export const middleOf = ({ min, max }: Box): Vec3 => add(min, max).map((value) =
 export const cornersOf = ({ min, max }: Box): Vec3[] =>
   Array.from({ length: 8 }, (_, corner) => [0, 1, 2].map((k) => ((corner >> k) & 1 ? max[k] : min[k])) as Vec3);
 
+export function boxOf(points: readonly Vector[]): Box {
+  const ends = (how: (...values: number[]) => number): Vec3 => [0, 1, 2].map((k) => how(...points.map((point) => point[k]))) as Vec3;
+  return { min: ends(Math.min), max: ends(Math.max) };
+}
+
 const DEGREES = 180 / Math.PI;
 const MAX_ELEVATION = 89;
 const MARGIN = 1.12; // margin around the scene, as a factor
@@ -174,6 +179,14 @@ export class OrbitCamera {
   begin(view: PartialView): void {
     this.home = { ...this.home, ...view };
     this.reset();
+  }
+
+  /** Begins with a view from a point to another one: `fov` degrees high, or more, so that points are seen from side to side. */
+  look(eye: Vector, target: Vector, fov: number, points: readonly Vector[]): void {
+    this.begin(this.viewFrom(eye, target));
+    const lens = { ...this.pose(), width: 2, height: 2, fx: 1, fy: 1, cx: 0, cy: 0 };
+    const across = Math.max(0, ...points.map((point) => Math.abs(placeIn(lens, point)?.[0] ?? 0)));
+    this.tangents = [1.05 * across, Math.tan(fov / 2 / DEGREES)];
   }
 
   /** The view that is nearest to a camera's: upright, and what is at the scene's distance has the same size. */

@@ -8,17 +8,17 @@ import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
 import { contextOf, Program, Texture } from "./gl.ts";
-import { FULL_VERTEX, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
+import { FULL_VERTEX, imageSplats, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
 
 const BLOCKS_PER_ROW = 128; // blocks per row of the block table
 
-const ORDER_WIDTH = 1024; // splats per row of the order texture
+export const ORDER_WIDTH = 1024; // splats per row of the order texture
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of renderers that draw with the CPU
 
 const BATCH = 1024; // splats per instance: with one splat each, the overhead of instances would exceed the work on splats
 
 /** All GPU resources, recreated after the context is lost. */
-class Resources {
+export class Resources {
   readonly luma: Texture;
   readonly statics: Texture;
   readonly blocks: Texture;
@@ -60,12 +60,12 @@ class Resources {
     this.drawingFrame = gl.createFramebuffer();
   }
 
-  project(profile: "motion" | "planes", shDegree: number): Program {
-    const key = `${profile} ${shDegree}`;
-    let program = this.projects.get(key);
+  /** The program that projects; `splats`: its part that reads them. */
+  project(splats: string): Program {
+    let program = this.projects.get(splats);
     if (program === undefined) {
-      program = new Program(this.gl, FULL_VERTEX, projectFragment(profile, shDegree));
-      this.projects.set(key, program);
+      program = new Program(this.gl, FULL_VERTEX, projectFragment(splats));
+      this.projects.set(splats, program);
     }
     return program;
   }
@@ -129,7 +129,7 @@ export class Renderer {
   private readonly timer: TimerQuery | null;
   private query: WebGLQuery | null = null;
   private fence: WebGLSync | null = null;
-  private resources: Resources | null;
+  protected resources: Resources | null;
   private setup: RenderedGroup | null = null;
   private hasPicture = false;
   /** Side of the tile of splats with escapes; 0 if the frame has none. */
@@ -137,7 +137,7 @@ export class Renderer {
   private escapedPixels = new Uint32Array(0);
   /** Places of the words of splats with escapes, by pixel; 0 for others. */
   private moved = new Uint32Array(0);
-  private count = 0;
+  protected count = 0;
 
   /** `xrCompatible`: to draw the views of a WebXR session. StreamError: the browser does not support WebGL2. */
   constructor(canvas: HTMLCanvasElement, xrCompatible = false) {
@@ -182,7 +182,7 @@ export class Renderer {
 
   /** Compiles the shaders for such a stream in the background. */
   prepare(profile: "motion" | "planes", shDegree: number): void {
-    this.resources?.project(profile, shDegree);
+    this.resources?.project(imageSplats(profile, shDegree));
   }
 
   /** Uploads a group's shared data; only images of this group may follow until the next call. */
@@ -277,37 +277,46 @@ export class Renderer {
   }
 
   private drawView(resources: Resources, pinhole: Pinhole): void {
-    const { gl, setup } = this;
+    const { gl } = this;
     const size = [pinhole.width, pinhole.height] as const;
-    const ready = setup !== null && this.hasPicture;
     resources.resizeDrawing(...size);
-    if (ready) this.project(resources, setup, pinhole);
+    const tile = this.project(resources, pinhole);
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.drawingFrame);
     gl.viewport(0, 0, ...size);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    if (!ready || this.count === 0) return;
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    this.drawBehind?.(pinhole);
+    if (tile > 0 && this.count > 0) this.drawSplats(resources, tile, size);
+    gl.disable(gl.BLEND);
+  }
+
+  /** Draws what is behind all splats. */
+  protected drawBehind?(pinhole: Pinhole): void;
+
+  private drawSplats(resources: Resources, tile: number, size: readonly [number, number]): void {
+    const { gl } = this;
     const { splat } = resources;
     splat.use();
     resources.words.forEach((texture, k) => texture.bindTo(splat, `words${k}`));
-    gl.uniform1i(splat.at("tile"), setup.layout.tile);
+    gl.uniform1i(splat.at("tile"), tile);
     gl.uniform2f(splat.at("size"), ...size);
-    gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     resources.order.bindTo(splat, "order");
     gl.uniform1i(splat.at("count"), this.count);
     gl.uniform1i(splat.at("batch"), BATCH);
     gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
-    gl.disable(gl.BLEND);
   }
 
-  private project(resources: Resources, { group, layout, units, statics }: RenderedGroup, pinhole: Pinhole): void {
-    const { gl, escapedSide } = this;
+  /** Projects all splats into words; returns the width of these, 0 if there is nothing to draw. */
+  protected project(resources: Resources, pinhole: Pinhole): number {
+    const { gl, escapedSide, setup } = this;
+    if (setup === null || !this.hasPicture) return 0;
+    const { group, layout, units, statics } = setup;
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
-    const program = resources.project(isMotion(group) ? "motion" : "planes", group.sh_degree);
+    const program = resources.project(imageSplats(isMotion(group) ? "motion" : "planes", group.sh_degree));
     program.use();
     gl.uniform2fv(program.at("units"), units);
-    gl.uniform1f(program.at("dilation"), group.dilation);
     if (isMotion(group)) {
       const { min, step } = group.positions;
       resources.blocks.bindTo(program, "blocks");
@@ -317,13 +326,7 @@ export class Renderer {
       gl.uniform1i(program.at("splats"), group.splats);
       gl.uniform3i(program.at("mirrored"), ...(mirroredAxes(group).map(Number) as [number, number, number]));
     }
-    // WebGL matrices are column-major: the rows are passed as columns of the transpose.
-    gl.uniformMatrix3fv(program.at("rotation"), true, pinhole.rotation);
-    gl.uniform3f(program.at("translation"), ...pinhole.translation);
-    gl.uniform3f(program.at("eye"), ...centerOf(pinhole));
-    gl.uniform4f(program.at("lens"), pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy);
-    gl.uniform4f(program.at("limits"), ...fieldLimits(pinhole));
-    gl.uniform2f(program.at("size"), pinhole.width, pinhole.height);
+    this.setPinhole(program, pinhole, centerOf(pinhole), group.dilation);
     const tile = (luma: Texture, texels: Texture, side: number, top: number): void => {
       gl.viewport(0, top, side, side);
       luma.bindTo(program, "luma");
@@ -334,6 +337,20 @@ export class Renderer {
     };
     tile(resources.luma, resources.statics, layout.tile, 0);
     if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, layout.tile);
+    return layout.tile;
+  }
+
+  /** Sets what projecting depends on, besides the splats. `eye`: the camera's center in their coordinates. */
+  protected setPinhole(program: Program, pinhole: Pinhole, eye: Vector, dilation: number): void {
+    const { gl } = this;
+    gl.uniform1f(program.at("dilation"), dilation);
+    // WebGL matrices are column-major: the rows are passed as columns of the transpose.
+    gl.uniformMatrix3fv(program.at("rotation"), true, pinhole.rotation);
+    gl.uniform3f(program.at("translation"), ...pinhole.translation);
+    gl.uniform3f(program.at("eye"), ...eye);
+    gl.uniform4f(program.at("lens"), pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy);
+    gl.uniform4f(program.at("limits"), ...fieldLimits(pinhole));
+    gl.uniform2f(program.at("size"), pinhole.width, pinhole.height);
   }
 
   private resolve({ resolve, drawing }: Resources, { x, y, width, height }: Viewport, background: Vector | null): void {

@@ -18,7 +18,7 @@ const ALPHA_MIN = 1 / 255;
 
 const float = (value: number): string => (Number.isInteger(value) ? `${value}.0` : String(value));
 
-const HEAD = `#version 300 es
+export const HEAD = `#version 300 es
 precision highp float; precision highp int;
 precision highp sampler2D; precision highp usampler2D; precision highp isampler2D;
 `;
@@ -28,7 +28,7 @@ export const FULL_VERTEX = `${HEAD}
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
 
 /** Real spherical harmonics, in the order and with the signs of studio.rasterizer.harmonics. */
-const HARMONICS = [
+export const HARMONICS = [
   "0.28209479177387814",
   "-0.4886025119029199 * d.y",
   "0.4886025119029199 * d.z",
@@ -136,9 +136,13 @@ vec3 harmonics(vec3 d) {
 }`;
 };
 
-/** The first pass. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
+/** Reads splats from an image. */
+export const imageSplats = (profile: "motion" | "planes", shDegree: number): string =>
+  channels(tilesOf(profile, shDegree).count) + (profile === "motion" ? MOTION : PLANES)(shDegree);
+
+/** The first pass. `splats`: the program's part that reads them. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
  * blue and opacity (half floats); 1 if the splat is visible. */
-export function projectFragment(profile: "motion" | "planes", shDegree: number): string {
+export function projectFragment(splats: string): string {
   return `${HEAD}
 layout(location = 0) out uvec4 first;
 layout(location = 1) out uvec4 second;
@@ -149,7 +153,6 @@ uniform vec4 limits; // minimum and maximum x / z, then y / z
 uniform float dilation; // added to the diagonal of every projected covariance, square pixels
 uniform vec2 size;
 uniform ivec2 origin; // where the words of the first splat go
-${channels(tilesOf(profile, shDegree).count)}
 
 mat3 turned(vec4 q) { // rotation of a unit quaternion
   float w = q.x, x = q.y, y = q.z, z = q.w;
@@ -160,7 +163,7 @@ mat3 turned(vec4 q) { // rotation of a unit quaternion
 }
 
 /* A splat's center and opacity, and three axes: its covariance is axes * transpose(axes). */
-${profile === "motion" ? MOTION(shDegree) : PLANES(shDegree)}
+${splats}
 
 void main() {
   here = ivec2(gl_FragCoord.xy) - origin;

@@ -1,7 +1,7 @@
 /** Camera control by touch, mouse, trackpad, keyboard and gamepad, with inertia. */
 
-import type { View } from "../render/camera.ts";
-import type { Player } from "../player/player.ts";
+import type { OrbitCamera, PartialView, View } from "../render/camera.ts";
+import type { Camera } from "../stream/metadata.ts";
 
 const TURN = 0.42; // degrees per pixel of finger movement, for an image of 500 pixels
 const GLIDE = 0.28; // seconds in which inertia decays to about a third
@@ -11,6 +11,18 @@ const NEAR = 32;
 const TAP = 250;
 const FLY = 420;
 const PRESS = 0.04; // seconds of turning that a short press of a key is worth
+
+/** The part of a player that is moved: its camera, and playback for the gamepad. */
+export interface Viewed {
+  readonly camera: OrbitCamera;
+  get view(): View;
+  set view(view: PartialView);
+  set fixedCamera(camera: Camera | null);
+  readonly playing: boolean;
+  readonly stop: AbortController;
+  play(): void;
+  pause(): void;
+}
 
 export interface MotionEvents {
   /** Called on a tap or click without movement, with its place in the window. */
@@ -44,7 +56,7 @@ export class Motion {
 
   constructor(
     private readonly surface: HTMLElement,
-    private readonly player: Player,
+    private readonly player: Viewed,
     private readonly events: MotionEvents,
   ) {
     const { signal } = player.stop;

@@ -1,16 +1,16 @@
 /** The clock of a cast, which its timeline shows. */
 
-import { Emitter } from "../src/player/emitter.ts";
-import type { PlayerEvents } from "../src/player/playback.ts";
-import type { Timed } from "../src/ui/timeline.ts";
-import type { V3Performer } from "./three.ts";
+import { Emitter } from "../player/emitter.ts";
+import type { PlayerEvents } from "../player/playback.ts";
+import type { Timed } from "../ui/timeline.ts";
+import type { SplatPlayback } from "../player/splat_playback.ts";
 
 const LONGEST = 3600; // seconds after which a cast starts over at the latest
 const APART = 0.2; // seconds by which a stream may differ from the clock when all start over
 
 /** A stream and when it begins, in seconds of the clock. */
 export interface Part {
-  readonly performer: V3Performer;
+  readonly playback: SplatPlayback;
   readonly start: number;
 }
 
@@ -22,8 +22,8 @@ export class CastClock extends Emitter<PlayerEvents> implements Timed {
 
   constructor(private readonly parts: readonly Part[]) {
     super();
-    const fps = Math.max(1, ...parts.map(({ performer }) => performer.playback.info!.fps));
-    const end = Math.max(0, ...parts.map(({ performer, start }) => start + performer.playback.duration));
+    const fps = Math.max(1, ...parts.map(({ playback }) => playback.info!.fps));
+    const end = Math.max(0, ...parts.map(({ playback, start }) => start + playback.duration));
     this.info = { fps, frameCount: Math.max(1, Math.round(Math.min(end, LONGEST) * fps)) };
   }
 
@@ -42,7 +42,7 @@ export class CastClock extends Emitter<PlayerEvents> implements Timed {
 
   pause(): void {
     this.playing = false;
-    for (const { performer } of this.parts) performer.playback.pause();
+    for (const { playback } of this.parts) playback.pause();
     this.emit("pause", undefined);
   }
 
@@ -57,13 +57,13 @@ export class CastClock extends Emitter<PlayerEvents> implements Timed {
     if (this.seconds + seconds >= this.duration) this.go(0, APART);
     else this.seconds += seconds;
     // A stream that has not begun shows its first frame.
-    for (const { performer: { playback }, start } of this.parts) if (this.seconds >= start) playback.play();
+    for (const { playback, start } of this.parts) if (this.seconds >= start) playback.play();
     this.told();
   }
 
   private go(seconds: number, apart: number): void {
     this.seconds = seconds;
-    for (const { performer: { playback }, start } of this.parts) {
+    for (const { playback, start } of this.parts) {
       const own = Math.max(0, seconds - start) % (playback.duration || 1);
       const off = Math.abs(playback.seconds - own);
       if (seconds < start) playback.pause();

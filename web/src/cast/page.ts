@@ -1,17 +1,18 @@
 /** The page of a cast around its scene: the player's own bar, title, hint and poster. */
 
-import { messageOf } from "../src/stream/errors.ts";
-import { Bar } from "../src/ui/bar.ts";
-import { addStyle } from "../src/ui/dom.ts";
-import css from "../src/ui/first.css";
-import { firstTemplate, languageOf, setLanguage } from "../src/ui/first_words.ts";
-import { clock as clockText } from "../src/ui/format.ts";
-import { Hint } from "../src/ui/hint.ts";
-import * as ICONS from "../src/ui/icons.ts";
-import more from "../src/ui/style.css";
-import { barTemplate, button } from "../src/ui/template.ts";
-import { Timeline } from "../src/ui/timeline.ts";
-import type { CastClock } from "./cast_clock.ts";
+import { messageOf } from "../stream/errors.ts";
+import { Bar } from "../ui/bar.ts";
+import { addStyle } from "../ui/dom.ts";
+import css from "../ui/first.css";
+import { firstTemplate, languageOf, setLanguage } from "../ui/first_words.ts";
+import { clock as clockText } from "../ui/format.ts";
+import { Hint } from "../ui/hint.ts";
+import * as ICONS from "../ui/icons.ts";
+import more from "../ui/style.css";
+import { barTemplate, button } from "../ui/template.ts";
+import { Motion, type Viewed } from "../ui/motion.ts";
+import { Timeline } from "../ui/timeline.ts";
+import type { CastClock } from "./clock.ts";
 
 export class CastPage extends Bar {
   readonly stage: HTMLElement;
@@ -49,26 +50,28 @@ ${barTemplate(words, `<div class="gap"></div>${button("reset", words.reset, ICON
     }
   }
 
-  /** Calls `use` with width and height, now and when they change. */
-  resized(use: (width: number, height: number) => void): void {
-    new ResizeObserver(() => use(this.stage.clientWidth || 1, this.stage.clientHeight || 1)).observe(this.stage);
-  }
-
-  /** Shows the scene and the bar. */
-  begin(clock: CastClock, reset: () => void): void {
+  /** Shows the scene and the bar. `viewed`: what gestures and keys move. */
+  begin(clock: CastClock, viewed: Viewed): void {
     const { host, root } = this;
     this.clock = clock;
+    const motion = new Motion(this.stage, viewed, { tap: () => undefined, input: () => undefined, touched: () => this.hint.turned() });
     const toggle = (): void => (clock.playing ? clock.pause() : clock.play());
     const acts: Partial<Record<string, () => void>> = {
-      play: toggle, reset, full: () => void (document.fullscreenElement === null ? host.requestFullscreen() : document.exitFullscreen()),
+      play: toggle, reset: () => motion.reset(), full: () => void (document.fullscreenElement === null ? host.requestFullscreen() : document.exitFullscreen()),
     };
     const keys: Partial<Record<string, string>> = { " ": "play", k: "play", r: "reset", f: "full" };
     root.addEventListener("click", (event) => acts[(event.target as Element).closest<HTMLElement>("button")?.dataset["act"] ?? ""]?.());
     host.addEventListener("keydown", (event) => {
+      motion.shift = event.shiftKey;
       const act = acts[keys[event.key.toLowerCase()] ?? ""];
-      if (act === undefined || event.ctrlKey || event.metaKey || event.altKey || (event.key === " " && (event.composedPath()[0] as Element).matches("button"))) return;
+      if (event.ctrlKey || event.metaKey || event.altKey || (event.key === " " && (event.composedPath()[0] as Element).matches("button"))) return;
+      if (act !== undefined) act();
+      else if (!motion.press(event)) return;
       event.preventDefault();
-      act();
+    });
+    host.addEventListener("keyup", (event) => {
+      motion.shift = event.shiftKey;
+      motion.release(event);
     });
     for (const kind of ["pointermove", "pointerdown", "keydown"]) host.addEventListener(kind, () => this.awake());
     const timeline = new Timeline(this.part(".timeline"), clock, null, this.words);
@@ -83,11 +86,6 @@ ${barTemplate(words, `<div class="gap"></div>${button("reset", words.reset, ICON
     host.classList.add("begun");
     this.hint.show(true, this.words);
     this.showPlaying(clock.playing);
-  }
-
-  /** The viewer has turned the view. */
-  turned(): void {
-    this.hint.turned();
   }
 
   protected mayHide(): boolean {
