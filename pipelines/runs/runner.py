@@ -156,7 +156,7 @@ def _known(stages: str | Iterable[str]) -> list[str]:
     return [name for name in STAGE_NAMES if name in wanted]
 
 
-class _Notes:
+class StageNotes:
     """Passes the events of a stage on, and keeps its warnings, and the groups that it made."""
 
     def __init__(self, emit: Emit) -> None:
@@ -275,7 +275,7 @@ class _Run:
         self.emit(StageStarted(stage=stage.name, reason=reason))
         remove(take.failure(stage.name))
         earlier = read_record(take, stage.name) if stage.by_group and not self.force else None
-        notes = reporter.emit = _Notes(self.emit)
+        notes = reporter.emit = StageNotes(self.emit)
         if self.force:
             remove(take.work(stage.name))
         try:

@@ -13,7 +13,7 @@ from open3d.visualization import gui
 from v3studio.gui.app import check_display
 from v3studio.gui.window import MainWindow
 
-stream, opens, frames = sys.argv[1], 5, 100
+stream, opens, frames = sys.argv[1], 5, 60
 check_display()
 application = gui.Application.instance
 application.initialize()

@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.config.description import allowed_values
-from v3studio.studio.calibration.target.pattern import _MARKERS
+from v3studio.studio.calibration.target.pattern import MARKERS
 from v3studio.studio.errors import StudioError
 from v3studio.studio.settings import Settings, Unbounded, affected, marker, submodel
 from v3studio.studio.stream import BakeSettings
@@ -142,4 +142,4 @@ def test_dictionaries_are_opencvs() -> None:
         for name in dir(cv2.aruco)
         if name.startswith("DICT_") and name.isupper()
     }
-    assert theirs == _MARKERS
+    assert theirs == MARKERS

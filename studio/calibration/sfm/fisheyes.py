@@ -39,18 +39,18 @@ def with_fisheyes(mapper: Mapper, model: Any, how: str) -> tuple[Mapper, Any, st
     wide, other, other_how = _mapped(mapper, lenses, "wide")
     if other is None:
         return mapper, model, how
-    kinds = {mapper.job.intrinsics_of[image - 1]: _is_fisheye(other, image) for image in other.reg_image_ids()}
+    kinds = {mapper.job.intrinsics_of[image - 1]: is_fisheye(other, image) for image in other.reg_image_ids()}
     fisheyes = [index for index in lenses if kinds.get(index)]
     if fisheyes and len(fisheyes) < len(lenses):
         mixed = _mapped(mapper, fisheyes, "mixed")
         if mixed[1] is not None and mixed[1].num_reg_images() >= other.num_reg_images():
             wide, other, other_how = mixed
-    if not fisheyes or (model is not None and not _is_better(other, model)):
+    if not fisheyes or (model is not None and not is_better(other, model)):
         return mapper, model, how
     return wide, other, f"{other_how}, fisheyes"
 
 
-def _is_better(other: Any, model: Any) -> bool:
+def is_better(other: Any, model: Any) -> bool:
     """Tell whether a solution with fisheyes has more images, or a much smaller error, than one with usual lenses."""
     if other.num_reg_images() != model.num_reg_images():
         return bool(other.num_reg_images() > model.num_reg_images())
@@ -80,7 +80,7 @@ def _mapped(mapper: Mapper, lenses: list[int], name: str) -> tuple[Mapper, Any, 
     return wide, *wide.solve()
 
 
-def _is_fisheye(model: Any, image_id: int) -> bool:
+def is_fisheye(model: Any, image_id: int) -> bool:
     """Tell whether a usual lens, fitted to what an image observes, has a much larger error than its fisheye."""
     image = model.images[image_id]
     camera = model.cameras[image.camera_id]

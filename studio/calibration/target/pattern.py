@@ -21,7 +21,7 @@ from v3studio.studio.settings import Conflict, Settings
 LEAST_CORNERS = 6  # observations with fewer corners are ignored
 
 
-_MARKERS = {
+MARKERS = {
     **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
     "DICT_ARUCO_ORIGINAL": 1024,
     "DICT_APRILTAG_16H5": 30,
@@ -66,10 +66,10 @@ class CalibrationTarget(Settings):
         if self.marker >= self.square:
             problem = f"marker = {self.marker:g} m is not smaller than square = {self.square:g} m"
             raise Conflict(problem, "Set both as measured on the print.", "marker", "square")
-        available = _MARKERS.get(self.dictionary.upper())
+        available = MARKERS.get(self.dictionary.upper())
         if available is None:
             raise Conflict(
-                f"dictionary {self.dictionary} is unknown", f"Use one of {', '.join(_MARKERS)}.", "dictionary"
+                f"dictionary {self.dictionary} is unknown", f"Use one of {', '.join(MARKERS)}.", "dictionary"
             )
         needed = self.columns * self.rows // 2
         if needed > available:

@@ -23,7 +23,7 @@ from v3studio.pipelines.events import (
     Warned,
 )
 from v3studio.pipelines.events.cancellation import Cancellation
-from v3studio.pipelines.runs.runner import _Notes, run, status
+from v3studio.pipelines.runs.runner import StageNotes, run, status
 from v3studio.pipelines.stages import STAGE_NAMES, stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.takes.frames.frame_files import read_frame
@@ -151,11 +151,6 @@ def test_marks_come_into_the_report_without_measuring_again(project: Path) -> No
     project.run()
     assert "marks.json" in project.take.report.read_text()
     assert project.states()["evaluate"] == "done"
-    project.take.marks.unlink()
-    project.run()
-    text = project.take.report.read_text()
-    assert "Marks</h2>" not in text
-    assert 'id="mark' not in text
 
 
 def test_a_bake_is_kept_within_the_run(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,20 +258,19 @@ def test_a_forced_stage_that_is_cancelled_keeps_the_earlier_results(project: Pat
     assert project.states() == dict.fromkeys(STAGE_NAMES, "done")
 
 
-def test_a_forced_calibration_that_fails_keeps_the_earlier_cameras(project: Path) -> None:
-    before = project.bytes_of("calibrate", "initialize")
+@pytest.mark.parametrize(
+    ("name", "setting", "code"),
+    [
+        ("calibrate", "capture.rig=broken.json", "camera_file.unknown_format"),
+        ("bake", "bake.quality=90 dB", "bake.target_missed"),
+    ],
+)
+def test_a_forced_stage_that_fails_keeps_the_earlier_results(project: Path, name: str, setting: str, code: str) -> None:
+    before = project.bytes_of("calibrate", "initialize", "stream")
     (project.folder / "capture/broken.json").write_text("{}")
-    with refuses("camera_file.unknown_format"):
-        project.run("capture.rig=broken.json", stages=("calibrate",), force=True)
-    assert project.bytes_of("calibrate", "initialize") == before
-    assert project.states() == dict.fromkeys(STAGE_NAMES, "done")
-
-
-def test_a_forced_bake_that_misses_its_target_keeps_the_earlier_stream(project: Path) -> None:
-    before = project.bytes_of("stream")
-    with refuses("bake.target_missed"):
-        project.run("bake.quality=90 dB", stages=("bake",), force=True)
-    assert project.bytes_of("stream") == before
+    with refuses(code):
+        project.run(setting, stages=(name,), force=True)
+    assert project.bytes_of("calibrate", "initialize", "stream") == before
     assert load_config(project.take.config).bake.quality == 22
     assert project.states() == dict.fromkeys(STAGE_NAMES, "done")
 
@@ -401,15 +395,15 @@ def test_warnings_stay_until_their_group_is_made_without_them() -> None:
         fields = {"group": group, "camera": camera}
         return Warned(stage="initialize", code="hull.mask_mismatch", message=camera, fields=fields)
 
-    def kept(notes: _Notes, earlier: StageRecord | None) -> list[str]:
+    def kept(notes: StageNotes, earlier: StageRecord | None) -> list[str]:
         return [warning.message for warning in notes.with_kept(earlier)]
 
-    first = _Notes(passed.append)
+    first = StageNotes(passed.append)
     for event in (warned(0, "a"), warned(1, "b"), warned(2, "c")):
         first(event)
     assert kept(first, None) == ["a", "b", "c"]
     earlier = StageRecord(stage="initialize", params={}, result="", warnings=tuple(first.with_kept(None)))
-    again = _Notes(passed.append)
+    again = StageNotes(passed.append)
     for event in (warned(2, "c"), Metrics(stage="initialize", group=0, values={}), Metrics(group=2, values={})):
         again(event)
     assert kept(again, earlier) == ["b", "c"], "group 0 is fine now, 1 was not made again"

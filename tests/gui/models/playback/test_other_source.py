@@ -3,6 +3,8 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
+import pytest
+
 from tests.support.players import settle
 from v3studio.gui.actions.output import OutputActions
 from v3studio.gui.drawing.compare import Mode, What
@@ -54,7 +56,7 @@ def test_curves_of_both_are_on_one_axis(player: PlayerPresenter, finished: Path,
 
 
 def test_the_figures_and_the_export_are_those_of_what_is_on_the_screen(
-    player: PlayerPresenter, finished: Path, workspace: Workspace
+    player: PlayerPresenter, finished: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     player.compare_with(open_other(finished / "take", "older"))
     views: Any = SimpleNamespace(shows_player=True)
@@ -64,7 +66,7 @@ def test_the_figures_and_the_export_are_those_of_what_is_on_the_screen(
     dialogs, exports = MagicMock(em=16), MagicMock()
     outputs = OutputActions(player, workspace, MagicMock(), exports, dialogs, MagicMock())
     asked: list[ExportRequest] = []
-    outputs._ask_export = lambda request, sources: asked.append(request)  # type: ignore[method-assign, misc]
+    monkeypatch.setattr("v3studio.gui.actions.output.Form", lambda _, request: asked.append(request) or MagicMock())
     for choose, of in ((lambda: player.choose("decoded"), ""), (player.exchange, "older"), (player.exchange, "")):
         choose()
         player.choose_mode(Mode.SINGLE)

@@ -200,10 +200,10 @@ def test_stages_that_a_run_elsewhere_will_run_are_not_done(workspace: Workspace,
     with take.locked("v3studio run"):
         take.log.unlink()  # a run begins an empty log, and writes its first line later
         take.log.touch()
-        workspace._look()
+        wait_in_loop("the lock", lambda: workspace.busy)
         run = RunStarted(take="take", stages=("train", "bake", "evaluate"), done=(), pid=os.getpid(), version="1")
         take.log.write_text(f"{run.to_json()}\n{StageStarted(stage='train', reason='').to_json()}\n")
-        workspace._look()
+        wait_in_loop("training", lambda: states(workspace)["train"] == "running")
         shown = states(workspace)
         assert (shown["train"], shown["bake"], shown["review"]) == ("running", "waiting", "waiting")
 

@@ -8,7 +8,7 @@ import pytest
 from v3studio.studio.calibration.initial_intrinsics import may_be_fisheye
 
 pycolmap = pytest.importorskip("pycolmap")
-from v3studio.studio.calibration.sfm.fisheyes import _is_better, _is_fisheye  # noqa: E402
+from v3studio.studio.calibration.sfm.fisheyes import is_better, is_fisheye  # noqa: E402
 
 BOW = [250.0, 250.0, 320.0, 240.0, 0.03, -0.01, 0.002, 0.0]
 
@@ -33,15 +33,15 @@ def solution(noise: float, count: int = 400) -> Any:
 
 
 def test_a_lens_is_a_fisheye_if_a_usual_one_does_not_fit() -> None:
-    assert _is_fisheye(solution(0.3), 1)
-    assert not _is_fisheye(solution(5.0), 1)  # so noisy that the lens does not matter
+    assert is_fisheye(solution(0.3), 1)
+    assert not is_fisheye(solution(5.0), 1)  # so noisy that the lens does not matter
 
 
 def test_a_solution_is_better_with_less_error() -> None:
     fine, rough = solution(0.2), solution(0.6)
-    assert _is_better(fine, rough)
-    assert not _is_better(rough, fine)
-    assert not _is_better(solution(0.2, 200), rough)  # has lost half of the observations
+    assert is_better(fine, rough)
+    assert not is_better(rough, fine)
+    assert not is_better(solution(0.2, 200), rough)  # has lost half of the observations
 
 
 def test_long_lenses_and_straight_ones_are_none() -> None:
