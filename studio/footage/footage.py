@@ -20,6 +20,7 @@ from v3studio.studio.masks.corrections import Corrections, MaskClick
 from v3studio.studio.masks.mask_files import FileMaskSource
 from v3studio.studio.masks.mask_source import GarbageMasks, MaskSource, Recolors, ShowsSet, masked_cameras
 from v3studio.studio.masks.models import MODELS
+from v3studio.studio.masks.plates import PlateMaskSource
 from v3studio.studio.memory_cache import ImageCache, image_cache
 
 
@@ -64,6 +65,7 @@ class Footage:
     without_masks: tuple[str, ...] = ()
     not_chosen: tuple[str, ...] = ()
     mask_clicks: tuple[MaskClick, ...] = ()
+    _plates: PlateMaskSource | None = None  # the clean plates, for masks that do not know them
 
     def __post_init__(self) -> None:
         self.camera_names = tuple(self._sources)
@@ -245,6 +247,8 @@ class Footage:
         paths += self.mask_source.files()
         if self._exact_mask_source is not None:
             paths += self._exact_mask_source.files()
+        if self._plates is not None:
+            paths += self._plates.files()
         return paths if self._garbage is None else paths + self._garbage.files
 
     def close(self) -> None:
@@ -260,7 +264,8 @@ class Footage:
         return source
 
     def _raw_plate(self, camera: str) -> np.ndarray | None:
-        return self.mask_source.plate(camera) if isinstance(self.mask_source, ShowsSet) else None
+        plate = self.mask_source.plate(camera) if isinstance(self.mask_source, ShowsSet) else None
+        return self._plates.plate(camera) if plate is None and self._plates is not None else plate
 
     def _raw(self, camera: str, frame: int) -> np.ndarray:
         source = self._source(camera)

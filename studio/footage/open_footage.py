@@ -27,7 +27,7 @@ from v3studio.studio.masks.corrections import MaskClick
 from v3studio.studio.masks.garbage_masks import garbage_masks
 from v3studio.studio.masks.mask_files import exact_masks
 from v3studio.studio.masks.mask_source import MaskInputs, masked_cameras
-from v3studio.studio.masks.sources import open_mask_source
+from v3studio.studio.masks.sources import given_plates, open_mask_source
 from v3studio.studio.memory import memory_limit
 from v3studio.studio.memory_cache import image_cache
 from v3studio.studio.storage import is_address, mirrored
@@ -142,7 +142,7 @@ def open_footage(
     return Footage(
         spec, sources, frames, held_out, rate / spec.frame_range[2], mask_source, exact, warps, pool, cache,
         tuple(filter(None, notes)), tuple(filter(None, choices)), tuple(problems), sound, garbage, left_out,
-        tuple(name for name in known if name not in names), tuple(mask_clicks),
+        tuple(name for name in known if name not in names), tuple(mask_clicks), given_plates(inputs, mask_source),
     )  # fmt: skip
 
 

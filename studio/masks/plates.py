@@ -42,22 +42,28 @@ class PlateMaskSource(MaskSource):
     def mask(self, camera: str, frame: int, image: np.ndarray) -> np.ndarray:
         """The mask as `MaskSource.mask` describes it. Raises StudioError `mask.plate_size`, or the plate cannot be
         loaded."""
-        behind = self.background(camera)
-        if behind.plate.shape[:2] != image.shape[:2]:
-            size, expected = (behind.plate.shape[1], behind.plate.shape[0]), (image.shape[1], image.shape[0])
-            problem = (
-                f"The clean plate of camera '{camera}' is {size[0]}x{size[1]}, its footage {expected[0]}x{expected[1]}"
-            )
-            fix = "Clean plates must have the size of the footage."
-            raise StudioError("mask.plate_size", problem, value=size, fix=fix, camera=camera, expected=expected)
+        behind = self._fitting(camera, image.shape[1], image.shape[0])
         image = np.ascontiguousarray(image[:, :, :3])
         inside = self._inputs.inside(camera, frame, image)
         if inside is not None:  # here, so that garbage does not count as a component
             image = np.where(inside[:, :, None], image, behind.plate)
         return difference_mask(image, behind, self._inputs.spec)
 
+    def _fitting(self, camera: str, width: int, height: int) -> Background:
+        """The background, of the size of the footage."""
+        behind = self.background(camera)
+        size, expected = (behind.plate.shape[1], behind.plate.shape[0]), (width, height)
+        if size != expected:
+            problem = (
+                f"The clean plate of camera '{camera}' is {size[0]}x{size[1]}, its footage {expected[0]}x{expected[1]}"
+            )
+            fix = "Clean plates must have the size of the footage."
+            raise StudioError("mask.plate_size", problem, value=size, fix=fix, camera=camera, expected=expected)
+        return behind
+
     def plate(self, camera: str) -> np.ndarray:
-        return shown(self.background(camera))
+        source = self._inputs.sources[camera]
+        return shown(self._fitting(camera, source.width, source.height))
 
     def files(self) -> list[Path]:
         return list(self._files)

@@ -7,15 +7,23 @@ from typing import Literal
 from v3studio.studio.capture.detect import MASK_FOLDERS, folders_named
 from v3studio.studio.capture.settings import MaskKind
 from v3studio.studio.counts import listed
-from v3studio.studio.masks.agreement.source import open_agreed
-from v3studio.studio.masks.alpha import open_alpha
-from v3studio.studio.masks.chroma_key import open_chroma_key
+from v3studio.studio.errors import StudioError
+from v3studio.studio.masks.agreement.source import AgreedMaskSource, open_agreed
+from v3studio.studio.masks.alpha import AlphaMaskSource, open_alpha
+from v3studio.studio.masks.chroma_key import ChromaMaskSource, open_chroma_key
 from v3studio.studio.masks.imported import open_imported
 from v3studio.studio.masks.mask_files import open_files
-from v3studio.studio.masks.mask_source import MaskInputs, MaskSource, MissingMaskSource, open_none
+from v3studio.studio.masks.mask_source import (
+    FullMaskSource,
+    MaskInputs,
+    MaskSource,
+    MissingMaskSource,
+    Recolors,
+    open_none,
+)
 from v3studio.studio.masks.matting_model import open_model
-from v3studio.studio.masks.plain_background import open_plain
-from v3studio.studio.masks.plates import FEW_FRAMES, open_clean_plate, open_median_background
+from v3studio.studio.masks.plain_background import PlainMaskSource, open_plain
+from v3studio.studio.masks.plates import FEW_FRAMES, PlateMaskSource, open_clean_plate, open_median_background
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,26 @@ def open_mask_source(inputs: MaskInputs) -> tuple[MaskSource, str]:
     opened: Opened = {name: _required(inputs, name) for name in names}
     source, phrase = opened[names[0]] if isinstance(kind, str) else open_agreed(inputs, opened)
     return source, f"Masks: {phrase}."
+
+
+_OWN_SET = (
+    FullMaskSource, AlphaMaskSource, PlainMaskSource, ChromaMaskSource, MissingMaskSource, Recolors, PlateMaskSource
+)  # fmt: skip
+"""Sources whose footage shows no set, which change its colors, or which know it."""
+
+
+def given_plates(inputs: MaskInputs, masks: MaskSource) -> PlateMaskSource | None:
+    """The clean plates of a capture whose masks are not from them; None if there are none, or footage shows no set.
+    Raises StudioError: those that are set are not found, or some cameras have none."""
+    if isinstance(masks, _OWN_SET) or (isinstance(masks, AgreedMaskSource) and masks.has_plates):
+        return None
+    try:
+        opened = open_clean_plate(inputs, False)
+    except StudioError as error:
+        if error.code == "mask.plate_missing" and inputs.spec.clean_plates == "auto":
+            return None  # a folder of that name with other images
+        raise
+    return None if opened is None else opened[0]
 
 
 def _required(inputs: MaskInputs, name: str) -> tuple[MaskSource, str]:

@@ -133,6 +133,11 @@ class AgreedMaskSource(MaskSource):
     def files(self) -> list[Path]:
         return [path for source in self._sources for path in source.files()]
 
+    @property
+    def has_plates(self) -> bool:
+        """Tell whether plates, given or estimated, are evidence."""
+        return self._plates is not None
+
     def plate(self, camera: str) -> np.ndarray | None:
         if not self.votes:
             return self._sources[0].plate(camera) if isinstance(self._sources[0], ShowsSet) else None

@@ -12,6 +12,7 @@ from tests.support.errors import refuses
 from tests.support.settings import refuses_setting
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.capture import CaptureSettings
+from v3studio.studio.capture.settings import MaskKind
 from v3studio.studio.footage import Footage, find_cameras, open_footage
 
 
@@ -220,3 +221,25 @@ def test_only_selected_frames_need_masks(image_folders: Path) -> None:
         open_footage(spec)
     assert open_footage(spec.replace(frames=":7")).frames == (5, 6)
     assert open_footage(spec, strict=False).digest(), "the files have a digest without all masks"
+
+
+@pytest.mark.parametrize("masks", ["files", "auto"])
+def test_clean_plates_are_known_whatever_masks_are_from(tmp_path: Path, make: SimpleNamespace, masks: MaskKind) -> None:
+    rng = np.random.default_rng(0)
+    plate, filmed = (rng.integers(0, 255, (64, 96, 3), dtype=np.uint8) for _ in range(2))
+    mask = np.zeros((64, 96), np.uint8)
+    mask[20:50, 30:60] = 255
+    make.image(tmp_path / "images" / "a.png", filmed)
+    make.image(tmp_path / "masks" / "a.png", mask)
+    camera = Camera("a", 96, 64, make.camera("a").K, np.eye(4))
+    spec = CaptureSettings(root=tmp_path, masks=masks)
+    without = open_footage(spec, Rig((camera,)))
+    assert without.plate("a") is None
+    make.image(tmp_path / "clean_plates" / "a.png", plate)
+    footage = open_footage(spec, Rig((camera,)))
+    assert np.array_equal(footage.view("a", 0).plate, plate)
+    assert np.array_equal(footage.mask("a", 0), mask)
+    assert footage.digest() != without.digest()
+    make.image(tmp_path / "clean_plates" / "a.png", plate[::2])
+    with refuses("mask.plate_size", camera="a", expected=(96, 64)):
+        open_footage(spec, Rig((camera,))).plate("a")
