@@ -159,7 +159,7 @@ GUI = (
 
 
 STUDIO = (
-    "playback", "comparison", "perceptual", "formats", "edits", "training", "card", "meshing", "stream",
+    "playback", "comparison", "perceptual", "formats", "edits", "scenery", "training", "card", "meshing", "stream",
     "rasterizer", "splat_video", "calibration", "camera_files", "footage", "masks", "audio", "capture", "storage",
     "gaussians", "coverage", "own_frame", "similarity", "cameras", "rotations", "torch_rotations", "metrics",
     "color_fit", "chroma", "dilation", "settings", "yaml_text", "bounded_files", "atomic_files", "memory",

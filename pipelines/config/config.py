@@ -59,7 +59,7 @@ class RunSettings(Settings):
     affects: ClassVar[Affects | None] = Affects()
 
     seed: Annotated[
-        int, Heading("Run"), Affects("cameras_from_images", "cameras_from_points", "initial_points", "keyframe")
+        int, Heading("Run"), Affects("cameras_from_images", "cameras_from_points", "initial_points", "set", "keyframe")
     ] = Field(default=0, ge=0, lt=2**31)
     """Random seed: equal seeds give equal takes."""
 

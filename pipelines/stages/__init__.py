@@ -63,14 +63,18 @@ STAGES = (
         weight=6, dependencies=("calibrate",), renders=False,
     ),
     Stage(
+        "set", "Set", "train the splats of the set behind the performer", version=1, weight=20,
+        dependencies=("calibrate",), by_group=False,
+    ),
+    Stage(
         "train", "Train", "train the Gaussians", version=4, weight=85, dependencies=("calibrate", "initialize"),
     ),
     Stage(
         "bake", "Bake", "encode the trained Gaussians as a stream", version=3, weight=3, dependencies=("train",),
     ),
     Stage(
-        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=3,
-        weight=5, dependencies=("calibrate", "train", "bake"), needs_all_groups=True,
+        "evaluate", "Review", "measure the quality on held-out cameras and write the report", version=4,
+        weight=5, dependencies=("calibrate", "set", "train", "bake"), needs_all_groups=True,
     ),
 )  # fmt: skip
 """All stages, in the order in which they run."""

@@ -14,6 +14,7 @@ from v3studio.pipelines.takes.authored.edits import edit_params, read_edits
 from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.files.path_here import path_here
 from v3studio.pipelines.takes.frames.groups import Group, cut_into_groups
+from v3studio.pipelines.takes.frames.take_set import take_set
 from v3studio.pipelines.takes.results.stage_files import FoundMotion
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from v3studio.studio.capture import CaptureSettings
     from v3studio.studio.edits import CropBox, EditList
     from v3studio.studio.footage import EmptySets, Footage
+    from v3studio.studio.gaussians import Gaussians
 
 
 @dataclass(eq=False)
@@ -80,6 +82,14 @@ class Inputs:
         from v3studio.studio.footage import EmptySets
 
         return EmptySets(self.trained_footage)
+
+    @cached_property
+    def scene(self) -> Gaussians | None:
+        """The splats of the set in the world of the stream; None if there is none. Raises StudioError: damage."""
+        from v3studio.studio.formats.rigid_motion import placed
+
+        splats = take_set(self.take)
+        return None if splats is None else placed(splats, self.edits.similarity)
 
     @cached_property
     def footage_digest(self) -> str:

@@ -176,6 +176,11 @@ class CaptureSettings(DifferenceSettings, FileSettings):
     its output is logits. plain: RGB from 0 to 1 at the size of the image. Input: one RGB image (1x3xHxW, float).
     Output: a mask from 0 to 1. ONNX files require onnxruntime."""
 
+    set: Annotated[Literal["auto", "none"], Heading("Set"), Affects("set")] = "auto"
+    """Whether the set behind the performer is reconstructed, too, once for the take. auto: yes, from clean plates or
+    from what the footage shows outside of the masks; not if it shows no set, as before a screen or where performers
+    are already cut out. See docs/guides/set.md."""
+
     fps: Annotated[float | None, Heading("Rate and color"), Affects("manifest", "evaluation"), Empty("as filmed")] = (
         Field(default=None, gt=0, lt=10_000)
     )

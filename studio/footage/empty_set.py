@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from v3studio.studio.counts import counted
 from v3studio.studio.masks.agreement.empty_set import cover, median_outside
 from v3studio.studio.masks.clean_plate import Background
 from v3studio.studio.masks.filters import reduced
-from v3studio.studio.masks.mask_source import evenly_spaced
+from v3studio.studio.masks.mask_source import FEWEST_VOTERS, FullMaskSource, Recolors, evenly_spaced
 from v3studio.studio.masks.median_background import background_cache
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 _FRAMES = 15  # most that an estimate reads
 _FEWEST = 3  # fewer frames do not tell the set from the performer
+_LOOKED_AT = 3  # cameras whose set may be plain
+_PLAIN, _MOSTLY = 12.0, 0.95  # levels of 255 around one color, and the share of pixels that have it
 _MASK_SIDE = 640  # longest side of masks when their surroundings are covered
 _HOLE_SIDE = 160  # longest side of the image from which holes are filled
 
@@ -44,6 +47,31 @@ class EmptySets:
         if plate is None or (plate.shape[2] == 4 and not plate[..., 3].any()):
             return np.zeros((0, 0, 3), np.uint8)
         return filled(plate)
+
+
+def no_set(footage: Footage, sets: EmptySets) -> str:
+    """Return why the set cannot be reconstructed from the footage, a clause; "" if it can. Raises StudioError: an image
+    or a mask cannot be read."""
+    names = footage.train_cameras
+    if len(names) < FEWEST_VOTERS:
+        return f"it takes {FEWEST_VOTERS} cameras for training, and there are {len(names)}"
+    if isinstance(footage.mask_source, FullMaskSource):
+        return "without masks, nothing tells it from the performer"
+    if isinstance(footage.mask_source, Recolors):
+        return "the performer is before a screen"
+    if sets.plate(names[0]) is None:
+        return f"there are no clean plates, and {counted(len(footage.frames), 'frame')} cannot show it"
+    plates = [sets.plate(name) for name in evenly_spaced(names, _LOOKED_AT)]
+    return "the footage shows one color around the performer" if all(map(_is_plain, plates)) else ""
+
+
+def _is_plain(plate: np.ndarray | None) -> bool:
+    """Return whether nearly all of a plate has one color."""
+    if plate is None:
+        return True
+    pixels = plate[..., :3][plate[..., 3] > 0] if plate.shape[2] == 4 else plate.reshape(-1, 3)
+    middle = np.median(pixels, axis=0) if len(pixels) else 0
+    return float((abs(pixels - middle).max(axis=-1) < _PLAIN).mean()) > _MOSTLY if len(pixels) else True
 
 
 def outside(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:

@@ -29,10 +29,12 @@ from v3studio.studio.training.step import (
 )
 from v3studio.studio.training.views import TrainingView
 
-_FIRST_OPACITY = 0.1
+FIRST_OPACITY = 0.1
 
 
-def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: float = DILATION) -> Gaussians:
+def initial_gaussians(
+    points: Tensor, colors: Tensor, sh_degree: int, dilation: float = DILATION, opacity: float = FIRST_OPACITY
+) -> Gaussians:
     """Initial splats as in 3DGS: isotropic, with the mean distance to the three nearest points as scale.
 
     Args:
@@ -40,6 +42,7 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: 
         colors: (N, 3) RGB in 0 to 1.
         sh_degree: 0 to 3; coefficients above degree 0 start at zero.
         dilation: that they are rendered with, square pixels.
+        opacity: of all of them, 0 to 1.
     """
     from scipy.spatial import cKDTree
 
@@ -59,7 +62,7 @@ def initial_gaussians(points: Tensor, colors: Tensor, sh_degree: int, dilation: 
     quats[:, 0] = 1
     sh = torch.zeros(n, (sh_degree + 1) ** 2, 3, device=points.device)
     sh[:, 0] = (colors.float() - 0.5) / SH_C0
-    logit = torch.full((n,), _FIRST_OPACITY, device=points.device).logit()
+    logit = torch.full((n,), opacity, device=points.device).logit()
     return Gaussians(points.float(), quats, size.log()[:, None].repeat(1, 3), logit, sh, dilation)
 
 
@@ -84,6 +87,9 @@ def train_keyframe(
     checkpoint: CheckpointFn | None = None,
     resume: Checkpoint | None = None,
     compared: Callable[[Refinement], None] | None = None,
+    coarse: Sequence[TrainingView] | None = None,
+    wanted: Callable[[Gaussians], Tensor] | None = None,
+    first_opacity: float = FIRST_OPACITY,
 ) -> Gaussians:
     """Train a keyframe: 3DGS with densification, then rounds of pruning by opacity and fine-tuning.
 
@@ -100,6 +106,10 @@ def train_keyframe(
         resume: a checkpoint of the same inputs, settings and seed. The result equals that of an uninterrupted run.
         compared: called at the end, with how masks and splats compared before pruning; later frames need its `off`.
 
+        coarse: as many views of fewer pixels, which are seen until pruning; None: `views`.
+        wanted: returns (N,) bool, the splats that stay, every `densify_every` steps before pruning; None: all stay.
+        first_opacity: of the initial splats, 0 to 1.
+
     Returns:
         Detached splats, at most `settings.max_splats`.
 
@@ -108,7 +118,8 @@ def train_keyframe(
             `training.no_splats_left`, or `training.checkpoint_incomplete`.
         Cancelled: raised by `progress`.
     """
-    run = _Run(views, points, colors, settings, seed, progress)
+    start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation, first_opacity)
+    run = _Run(views, coarse or views, start, settings, seed, progress, wanted)
     if resume is not None:
         run.restore(resume)
     while not run.finished:
@@ -128,19 +139,19 @@ class _Run:
     def __init__(
         self,
         views: Sequence[TrainingView],
-        points: Tensor,
-        colors: Tensor,
+        coarse: Sequence[TrainingView],
+        start: Gaussians,
         settings: TrainSettings,
         seed: int,
         progress: ProgressFn,
+        wanted: Callable[[Gaussians], Tensor] | None,
     ) -> None:
-        self._settings, self._progress = settings, progress
-        self._extent = scene_extent(points)
+        self._settings, self._progress, self._views, self._wanted = settings, progress, views, wanted
+        self._extent = scene_extent(start.means)
         self._generator = torch.Generator().manual_seed(seed)
-        self._stepper = Stepper(views, settings, self._generator)
+        self._stepper = Stepper(coarse, settings, self._generator)
         self._details = views[0].details
         self.refinement = Refinement(self._stepper, settings)
-        start = initial_gaussians(points, colors, settings.sh_degree, settings.dilation)
         self.optimizer = SplatOptimizer(start, settings.rates, self._extent)
         self.done = 0
         self._rounds = prune_rounds(settings, min(len(start), settings.max_splats))
@@ -162,6 +173,7 @@ class _Run:
             self._grow()
             if self.done == settings.keyframe_iterations:
                 self._rounds = prune_rounds(settings, len(self.optimizer))
+                self._stepper.views = self._views
             return
         if settings.prune_finetune_iterations:
             self.refinement.before_step(self.done - settings.keyframe_iterations, self.optimizer.gaussians)
@@ -192,6 +204,8 @@ class _Run:
             gaussians = gaussians.with_sh_degree(degree)
         self._advance(gaussians)
         control_density(iteration, optimizer, self._stepper, self._extent, settings)
+        if self._wanted is not None and iteration % settings.densify_every == 0:
+            optimizer.keep(self._wanted(optimizer.gaussians.detach()))
         if len(optimizer) == 0:
             problem = f"keyframe training removed all splats at step {iteration}"
             fix = "Check the masks and the calibration"
@@ -223,6 +237,8 @@ class _Run:
             self.optimizer.restore(part_of(state, "splats."))
             self.optimizer.set_means_progress(self.done / self._settings.keyframe_iterations)
             self._stepper.restore(part_of(state, "stepper."))
+            if self.done >= self._settings.keyframe_iterations:
+                self._stepper.views = self._views
             self.refinement.restore(part_of(state, "refinement."))
             self._generator.set_state(state["generator"].cpu())
         except KeyError as error:

@@ -67,7 +67,7 @@ class TrainSettings(Settings):
     scale_reg: float = Field(default=0.2, ge=0)
     """Keyframe: weight of the mean scale relative to the performer's size (Kheradmand et al. 2024, section 4.4)."""
 
-    dilation: float = Field(default=DILATION, ge=MIN_DILATION, le=MAX_DILATION)
+    dilation: Annotated[float, Affects("keyframe", "set")] = Field(default=DILATION, ge=MIN_DILATION, le=MAX_DILATION)
     """Square pixels that are added to the 2D covariance of each splat when it is rendered. Below 0.3, outlines and
     details are sharper, especially in images of a different size than the training images. The stream contains the
     value, and our players use it. Viewers of exported splats assume 0.3."""

@@ -11,7 +11,7 @@ import pytest
 
 from tests.gui.conftest import RunningWindow, State, assert_apart
 
-STAGES = ("capture", "calibrate", "initialize", "train", "bake", "review")
+STAGES = ("capture", "calibrate", "initialize", "set", "train", "bake", "review")
 
 SMALL = (820, 640)
 """Size of a small window, in which the right panel is hidden at first."""

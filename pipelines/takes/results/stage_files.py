@@ -26,6 +26,17 @@ class InitialPointsReport(Result):
     files: dict[str, str] = Field(default_factory=dict)  # digests of the files in the folder, by name
 
 
+class SetReport(Result):
+    """set/report.json."""
+
+    reason: str = ""  # why there is no set, a sentence; "" if there is one
+    splats: int = 0
+    psnr: dict[str, float] = Field(default_factory=dict)  # against the plates, where they are reliable, dB by camera
+
+    colors: dict[str, tuple[tuple[float, float, float, float], ...]] = Field(default_factory=dict)
+    """A training camera's 3x4 matrix from the splats' colors to its own, as in `CameraColors`."""
+
+
 class TrainedGroup(Result):
     """train/group_NNN/group.json."""
 

@@ -52,6 +52,21 @@ class InitializeSummary(Result):
         return [counted(self.groups, "group"), *(f"{part}{' each' * (self.groups > 1)}" for part in parts)]
 
 
+class SetSummary(Result):
+    """Main figures of `set`."""
+
+    splats: int
+    psnr: float | None = None  # against the plates of the training cameras, their mean, dB
+    reason: str = ""  # why there is no set
+
+    @property
+    def words(self) -> list[str]:
+        """The main figures for people."""
+        if self.psnr is None:
+            return [self.reason]
+        return [f"{self.splats:,} splats", f"PSNR {self.psnr:.1f} dB of the plates"]
+
+
 class TrainSummary(Result):
     """Main figures of `train`."""
 
@@ -102,10 +117,11 @@ class BakeSummary(Result):
         ]
 
 
-_Summary = CalibrateSummary | InitializeSummary | TrainSummary | BakeSummary | EvaluationSummary
+_Summary = CalibrateSummary | InitializeSummary | SetSummary | TrainSummary | BakeSummary | EvaluationSummary
 _SUMMARIES: dict[str, type[_Summary]] = {
     "calibrate": CalibrateSummary,
     "initialize": InitializeSummary,
+    "set": SetSummary,
     "train": TrainSummary,
     "bake": BakeSummary,
     "evaluate": EvaluationSummary,

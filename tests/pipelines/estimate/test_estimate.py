@@ -31,10 +31,10 @@ def train_seconds(work: Work, measured: Measured) -> float:
 
 def test_a_stage_without_an_estimate_is_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     new = replace(stage_named("train"), name="tidy")
-    monkeypatch.setattr("v3studio.pipelines.estimate.estimate.STAGES", (*STAGES[:3], new, *STAGES[3:]))
+    monkeypatch.setattr("v3studio.pipelines.estimate.estimate.STAGES", (*STAGES[:4], new, *STAGES[4:]))
     found = estimate(WORK, Measured(baked_frame=2.0), None)
-    assert [stage.stage for stage in found.stages] == ["initialize", "train", "tidy", "bake", "evaluate"]
-    assert [stage.seconds for stage in found.stages] == [0, 0, None, 26, 0]
+    assert [stage.stage for stage in found.stages] == ["initialize", "set", "train", "tidy", "bake", "evaluate"]
+    assert [stage.seconds for stage in found.stages] == [0, None, 0, None, 26, 0]
     assert found.seconds == 26
 
 
@@ -55,10 +55,10 @@ def test_each_kind_of_step_is_paid_for() -> None:
 
 
 def test_sizes() -> None:
-    train, bake = estimate(WORK, Measured(), 24).stages[1:3]
+    train, bake = estimate(WORK, Measured(), 24).stages[2:4]
     assert train.bytes == 13 * 7000 * 4 * (3 + 4 + 3 + 1 + 3 * (SETTINGS.sh_degree + 1) ** 2)
     assert bake.bytes == round(13 * 7000 * 0.96)
-    assert estimate(WORK, Measured(), None).stages[2].bytes is None
+    assert estimate(WORK, Measured(), None).stages[3].bytes is None
 
 
 def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, here: Callable) -> None:
@@ -68,8 +68,8 @@ def test_the_tiny_capture(project: Path, monkeypatch: pytest.MonkeyPatch, here: 
     monkeypatch.setattr(presets, "PRESETS", small)
     before = sorted(project.rglob("*"))
     found = here("estimate", project / "ball.yaml", "--json", "--presets").ok().result
-    assert [stage["stage"] for stage in found["stages"]] == ["initialize", "train", "bake", "evaluate"]
-    assert all(stage["seconds"] > 0 for stage in found["stages"])
+    assert [stage["stage"] for stage in found["stages"]] == ["initialize", "set", "train", "bake", "evaluate"]
+    assert all(stage["seconds"] > 0 for stage in found["stages"] if stage["stage"] != "set")
     assert found["seconds_low"] < found["seconds"] < found["seconds_high"]
     assert found["memory"] > 10e6
     assert found["splats"] == 400

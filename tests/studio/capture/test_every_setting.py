@@ -50,7 +50,7 @@ CHANGES: dict[str, tuple[Any, dict[str, Any]]] = {
 }
 """Another value of each setting, and what else has to be set for it to matter. What is seen: see `shown`."""
 
-OTHERWISE = {"rig", "mask_model"}
+OTHERWISE = {"rig", "mask_model", "set"}
 """Settings with tests of their own."""
 
 
