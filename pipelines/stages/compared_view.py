@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ComparedView:
-    """A view of the footage. `image`: (H, W, 3) uint8 RGB. `mask`: (H, W) uint8, 255 is the performer."""
+    """A view of the footage. `image`: (H, W, 3) uint8 RGB. `mask`: (H, W) uint8, 255 is the performer; empty if the
+    camera has no masks, so that only the uncut image can be compared."""
 
     camera: Camera
     image: np.ndarray
@@ -40,18 +41,33 @@ def compared_view(inputs: Inputs, camera: str, frame: int, uncut: bool = False) 
     """One view of a frame of the footage, or None if the camera does not see the performer. `uncut`: to compare
     with the uncut image as well, if the set is known and edits remove nothing."""
     footage, settings, crop = inputs.trained_footage, inputs.config, inputs.edits.crop
-    view = footage.view(camera, frame)
-    mask = footage.evaluation_mask(camera, frame)
+    world, view = inputs.edits.similarity, footage.rig[camera]
+    place = view if world.is_identity else world.camera(view)
+    image, masked = footage.image(camera, frame), camera not in footage.unmasked_cameras
+    mask = footage.evaluation_mask(camera, frame) if masked else np.zeros(image.shape[:2], np.uint8)
     if crop is not None:
-        mask = crop.cut(view.camera, mask)
+        mask = crop.cut(view, mask)
     box = padded_box(mask, settings.evaluate.crop_padding)
-    if box is None:
+    if box is None and masked:
         return None
-    world = inputs.edits.similarity
-    place = view.camera if world.is_identity else world.camera(view.camera)
-    plate = inputs.sets.plate(camera) if uncut and crop is None and not inputs.edits.regions else None
-    back = None if plate is None else behind(view.image, mask, plate, inputs.capture)
-    return ComparedView(place, view.image, mask, box, settings.evaluate.background, inputs.device, back)
+    plate = scene = None
+    if uncut and crop is None and not inputs.edits.regions:
+        scene = inputs.scene
+        plate = inputs.sets.plate(camera) if masked else _rendered(scene, place)
+    back = None if plate is None else behind(image, mask, plate, inputs.capture, scene)
+    whole = (slice(0, view.height), slice(0, view.width))
+    return ComparedView(place, image, mask, box or whole, settings.evaluate.background, inputs.device, back)
+
+
+def _rendered(scene: Gaussians | None, camera: Camera) -> np.ndarray | None:
+    """The set in a camera, as `FootageView.plate`; None without it."""
+    import torch
+
+    from v3studio.studio.rasterizer import rasterize
+
+    if scene is None:
+        return None
+    return (rasterize(scene, camera, torch.zeros(3)).image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).numpy()
 
 
 def compared_cameras(footage: Footage) -> tuple[str, ...]:

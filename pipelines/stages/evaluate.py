@@ -58,7 +58,7 @@ SHOWN_FRAMES = 4  # frames that the report shows as images, spread over the take
 MOST_CHECKED = 32  # cameras whose masks are compared with the footage
 _RENDERED = 0.7  # share of a group's work after which masks are compared with the footage
 UNCUT = (
-    "the splats over the set, in the camera's brightness, against the camera's image: performer, where they are by "
+    "the splats {before}, against the camera's image: performer, where they are by "
     "mask or by difference from the set; moving, the box around that, padded by 8 px; picture, all of it"
 )
 
@@ -108,6 +108,8 @@ class EvaluatePlan:
         self.baked = baked_frames(inputs)
         self.footage = inputs.trained_footage
         self.cameras, self.held_out = compared_cameras(self.footage), bool(self.footage.measured_cameras)
+        # held-out cameras without masks, whose uncut images are compared with the performer before the set
+        self.pictured = () if inputs.scene is None else self.footage.unmasked_cameras
         self.groups = [group for group in self.all_groups if set(group.indices) & set(self.baked)]
 
     @cached_property
@@ -138,7 +140,8 @@ class EvaluatePlan:
 
     def view(self, camera: str, frame: int) -> ComparedView | None:
         """A view of a frame, by its number in the footage; None if the camera does not see the performer."""
-        return compared_view(self.inputs, camera, frame, uncut=True)
+        uncut = self.held_out or not self.pictured or camera in self.pictured  # not of training cameras if others are
+        return compared_view(self.inputs, camera, frame, uncut)
 
     @cached_property
     def checked(self) -> tuple[str, ...]:
@@ -204,7 +207,9 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         **_mean_flicker("flicker", rows),
         **_mean_flicker("flicker_at_group_borders", [row for row in rows if row.starts_group]),
     )
-    seen = {name: [row.cameras[name] for row in rows if name in row.cameras] for name in plan.cameras}
+    seen = {
+        name: [row.cameras[name] for row in rows if name in row.cameras] for name in (*plan.cameras, *plan.pictured)
+    }
     evaluation = Evaluation(
         summary=summary,
         protocol=_protocol(plan, stream_bytes),
@@ -279,7 +284,7 @@ def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
         background=settings.background,
         footage="the camera's image composited over the background with the evaluation mask"
         + (", where the camera sees the crop box" if plan.edits.crop is not None else ""),
-        uncut=UNCUT if plan.evidence == "set" else None,
+        uncut=_uncut(plan),
         frames=tuple(int(footage.frames[index]) for index in plan.baked),
         mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
         ssim="11x11 Gaussian window, sigma 1.5",
@@ -288,6 +293,16 @@ def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
         total_bytes_are="all files that playing the best rendition takes, and the manifest",
         bytes_of_a_frame="files of its group, divided by the frames in the group",
     )
+
+
+def _uncut(plan: EvaluatePlan) -> str | None:
+    """Return how splats are compared with the uncut footage; None: they are not."""
+    if plan.inputs.scene is None:
+        return UNCUT.format(before="over the set, in the camera's brightness") if plan.evidence == "set" else None
+    how = UNCUT.format(before="before those of the set")
+    how += "; after a color fit, with the 3x4 color matrix that fits the picture best"
+    names = ", ".join(plan.pictured)
+    return f"{how}; nothing else is measured in {names}, since they have no masks" if names else how
 
 
 def _why_none(footage: Footage) -> str:
@@ -360,7 +375,7 @@ def _measure(
     rows: list[FrameQuality] = []
     unseen: list[tuple[int, str]] = []
     samples: list[dict[str, str]] = []
-    baked, cameras = plan.baked, plan.cameras
+    baked, cameras = plan.baked, (*plan.cameras, *plan.pictured)
     sizes = {
         frame: entry.bytes / entry.frame_count
         for entry in reader.groups
@@ -385,15 +400,17 @@ def _measure(
                 unseen.append((index, camera))
                 continue
             pairs = {"trained": view.pair(trained), "decoded": view.pair(decoded)}
-            residuals[camera] = pairs["decoded"].residual
-            figures = {what: measure(pair, plan.lpips) for what, pair in pairs.items()}
+            masked = camera in plan.cameras
+            figures = {what: measure(pair, plan.lpips, masked) for what, pair in pairs.items()}
             views[camera] = Quality(
                 **{f"{name}_{what}": value for what, values in figures.items() for name, value in values.items()}
             )
-            if index in shown and camera in cameras[:3]:
+            if masked:
+                residuals[camera] = pairs["decoded"].residual
+            if index in shown and camera in plan.cameras[:3]:
                 images = {"footage": pairs["decoded"].footage} | {what: pair.rendered for what, pair in pairs.items()}
                 samples.append(sample_images(f"frame {frame}, {camera}", images))
-        if views:
+        if not set(views).isdisjoint(plan.cameras):
             row = FrameQuality(
                 index=index,
                 frame=int(frame),

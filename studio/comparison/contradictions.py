@@ -29,6 +29,7 @@ from v3studio.studio.masks.filters import reduced
 
 if TYPE_CHECKING:
     from v3studio.studio.cameras import Camera, FootageView
+    from v3studio.studio.gaussians import Gaussians
 
 Kind = Literal["missing", "extra"]
 
@@ -101,11 +102,17 @@ def difference_odds(image: np.ndarray, plate: np.ndarray, settings: DifferenceSe
     return odds if known is None else np.where(known, odds, np.float32(0))
 
 
-def behind(image: np.ndarray, mask: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> Behind:
+def behind(
+    image: np.ndarray,
+    mask: np.ndarray,
+    plate: np.ndarray,
+    settings: DifferenceSettings,
+    scene: Gaussians | None = None,
+) -> Behind:
     """Return what is behind the performer in an image (H, W, 3) uint8, of which `plate` is the set, as in
     `FootageView`, but without holes; and where the performer is, by the mask (H, W) uint8 or by the difference from the
-    set."""
-    return Behind(lit(plate, image), performer_area(mask, difference_odds(image, plate, settings)))
+    set. `scene`: see `Behind`."""
+    return Behind(lit(plate, image), performer_area(mask, difference_odds(image, plate, settings)), scene)
 
 
 def lit(plate: np.ndarray, image: np.ndarray) -> np.ndarray:

@@ -17,6 +17,9 @@ OUTLINE = 3.0  # half the width of an outline in pixels: that far, masks of real
 Distance = Callable[["Tensor", "Tensor"], float]  # LPIPS of two (H, W, 3) images
 
 
+Measure = Callable[[ViewPair, Distance | None], float | None]
+
+
 @dataclass(frozen=True)
 class Metric:
     """A figure of image quality.
@@ -35,7 +38,7 @@ class Metric:
     title: str
     unit: str
     digits: int
-    measure: Callable[[ViewPair, Distance | None], float | None] | None
+    measure: Measure | None
     evaluated: bool = True
     plotted: bool = False
     narrow: bool = True
@@ -61,13 +64,15 @@ def _in_mask(pair: ViewPair, where: np.ndarray | None = None) -> float | None:
     return _psnr(pair.rendered, pair.footage, where)
 
 
-def _uncut(part: Literal["picture", "box", "performer"]) -> Callable[[ViewPair, Distance | None], float | None]:
+def _uncut(part: Literal["picture", "fitted", "box", "performer"]) -> Measure:
     def measured(pair: ViewPair, lpips: Distance | None) -> float | None:
         uncut = pair.uncut
         if uncut is None:
             return None
         if part == "box":
             return _psnr(uncut.rendered[uncut.box], uncut.footage[uncut.box])
+        if part == "fitted":
+            return _psnr(uncut.fitted, uncut.footage)
         return _psnr(uncut.rendered, uncut.footage, uncut.performer if part == "performer" else None)
 
     return measured
@@ -101,6 +106,7 @@ METRICS = (
     Metric("psnr_performer", "uncut PSNR performer", "dB", 2, _uncut("performer")),
     Metric("psnr_moving", "uncut PSNR box", "dB", 2, _uncut("box"), narrow=False),
     Metric("psnr_picture", "uncut PSNR picture", "dB", 2, _uncut("picture"), narrow=False),
+    Metric("psnr_picture_fitted", "uncut PSNR picture after a color fit", "dB", 2, _uncut("fitted"), narrow=False),
     Metric("psnr_color_fit", "color fit", "dB", 2, lambda one, _: _psnr(one.fitted, one.footage), evaluated=False),
     Metric("ssim", "SSIM", "", 4, _ssim),
     Metric("lpips", "LPIPS", "", 4, _lpips),
@@ -109,20 +115,24 @@ METRICS = (
 box, which miss what the mask misses: PSNR; of the performer more than 3 pixels from the mask's outline, where a ragged
 mask does not count; up to 3 pixels from it, on both sides. Then PSNR of splats over the set against the uncut footage,
 if what is behind the performer is known: where they are, by mask or by difference from the set; in the box around that;
-of the whole picture. After the best 3x4 color matrix of the view, since the colors of a camera that was not trained on
-are not known; SSIM; LPIPS, if it is asked for.
+of the whole picture, before a set of splats also after the best 3x4 color matrix, since the colors of a camera that was
+not trained on are not known. In the box after the best such matrix; SSIM; LPIPS, if it is asked for.
 
 The words for PSNR follow the scale of EvalVid (J. Klaue et al., 2003): from 31 dB "good", from 25 dB "fair", below
 "poor" and "bad"."""
 
 MAIN = METRICS[0]  # stands for quality where there is room for one: above the timeline, on the start page, in lists
 
+UNCUT = frozenset(metric.name for metric in METRICS if metric.title.startswith("uncut"))
+"""Metrics against the uncut footage, which need no mask."""
+
 EVALUATED = tuple(metric for metric in METRICS if metric.evaluated)
 
 FLICKER = Metric("flicker", "flicker", "levels of 255", 2, None)  # between consecutive frames; see `Residual`
 
 
-def measure(pair: ViewPair, lpips: Distance | None = None) -> dict[str, float]:
-    """The metrics of a pair of images that are measured, by name."""
-    results = [(metric, metric.measure(pair, lpips)) for metric in METRICS if metric.measure is not None]
+def measure(pair: ViewPair, lpips: Distance | None = None, masked: bool = True) -> dict[str, float]:
+    """The metrics of a pair of images that are measured, by name; `masked`: also those of footage that is cut out."""
+    measures = [(metric, metric.measure) for metric in METRICS if metric.measure is not None]
+    results = [(metric, call(pair, lpips)) for metric, call in measures if masked or metric.name in UNCUT]
     return {metric.name: round(value, metric.digits + 2) for metric, value in results if value is not None}

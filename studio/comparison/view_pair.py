@@ -28,22 +28,24 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """The image behind the performer in a view, (H, W, 3) float32 RGB in 0 to 1; and where the performer is, by mask or
-    by difference from it, (H, W) bool."""
+    """The image behind the performer in a view, (H, W, 3) float32 RGB in 0 to 1; where the performer is, by mask or by
+    difference from it, (H, W) bool; and the splats of the set, which then take the place of the image."""
 
     image: np.ndarray
     performer: np.ndarray
+    scene: Gaussians | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class UncutPair:
-    """The uncut footage, and splats over what is behind them, of the whole view; float32 RGB in 0 to 1. `performer`: as
-    in `Behind`; `box`: rows and columns around it."""
+    """The uncut footage, and splats before what is behind them, of the whole view; float32 RGB in 0 to 1. `performer`:
+    as in `Behind`; `box`: rows and columns around it."""
 
     footage: np.ndarray  # (H, W, 3)
     rendered: np.ndarray  # (H, W, 3)
     performer: np.ndarray
     box: tuple[slice, slice]
+    fitted: np.ndarray | None = None  # (H, W, 3) `rendered` after the best 3x4 color matrix; None: without such splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +81,11 @@ class ViewPair:
         behind: Behind | None = None,
     ) -> ViewPair:
         """Render a view and composite (H, W, 3) uint8 RGB footage by its (H, W) uint8 mask over RGB in 0 to 1. With
-        `behind`, splats are also composited over that, for comparison with the uncut footage."""
+        `behind`, splats are also drawn before that, for comparison with the uncut footage."""
         import torch
 
         from v3studio.studio.color_fit import correct_color, fit_color
+        from v3studio.studio.gaussians import Gaussians
         from v3studio.studio.rasterizer import rasterize
 
         box = (slice(0, camera.height), slice(0, camera.width)) if box is None else box
@@ -100,8 +103,14 @@ class ViewPair:
             uncut = None
             if behind is not None:
                 over = render.image + (1 - render.alpha)[..., None] * torch.from_numpy(behind.image).to(device)
+                own = None
+                if behind.scene is not None:
+                    scene = behind.scene.to(device).with_sh_degree(gaussians.sh_degree)
+                    both = Gaussians.cat(scene, gaussians.to(device))
+                    over, ones = rasterize(both, camera, torch.zeros_like(color)).image, torch.ones_like(render.alpha)
+                    own = correct_color(over, ones, fit_color(over, ones, whole)).clamp(0, 1).cpu().numpy()
                 around = padded_box(behind.performer.astype(np.uint8) * 255, UNCUT_PADDING) or box
-                uncut = UncutPair(whole.cpu().numpy(), over.clamp(0, 1).cpu().numpy(), behind.performer, around)
+                uncut = UncutPair(whole.cpu().numpy(), over.clamp(0, 1).cpu().numpy(), behind.performer, around, own)
         cut = [each[box].cpu().numpy() for each in images]
         return cls(cut[0], cut[1], tuple(background), box, outline_depth(mask)[box], cut[2] if fit else None, uncut)
 

@@ -25,11 +25,8 @@ class Quality(_Figures):
     """Image quality of a view, or the mean over views: fields by `MEASURES`, None if not measured. PSNR in dB, at most
     100, of footage cut out by its mask: interior, more than 3 pixels inside the mask (None if no part is so thick);
     outline, up to 3 pixels from the mask's outline. PSNR over the set against the uncut footage, None if the set is not
-    known: performer, by mask or by difference from the set; moving, the box around that; picture, all of it. SSIM and
-    LPIPS in 0 to 1."""
-
-    psnr_trained: float
-    psnr_decoded: float
+    known: performer, by mask or by difference from the set; moving, the box around that; picture, all of it, and after
+    a color fit. Of a camera without masks only these are measured. SSIM and LPIPS in 0 to 1."""
 
     @property
     def measures(self) -> dict[str, float]:
@@ -40,6 +37,9 @@ class Quality(_Figures):
 
 class FrameQuality(Quality):
     """One frame: the mean over its measured cameras."""
+
+    psnr_trained: float
+    psnr_decoded: float
 
     index: int
     """Counted from 0 in the take."""
@@ -64,6 +64,9 @@ class FrameQuality(Quality):
 
 class EvaluationSummary(Quality):
     """Means over all frames."""
+
+    psnr_trained: float
+    psnr_decoded: float
 
     bytes_per_frame: float
     """`protocol.total_bytes` divided by the number of frames: with manifest and sound, hence above the frames' mean."""

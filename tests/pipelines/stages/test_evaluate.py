@@ -13,8 +13,11 @@ from v3studio.pipelines.reports.tables import print_evaluation
 from v3studio.pipelines.stages import evaluate
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_frame, write_frame
 from v3studio.pipelines.takes.results.evaluation import Evaluation, read_evaluation
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.comparison.metrics import UNCUT
+from v3studio.studio.footage import Footage
 
 DAMAGED = 2  # a frame
 
@@ -52,3 +55,20 @@ def test_masks_that_lost_a_part_are_named_everywhere(copied: Path, capsys: pytes
     print_evaluation(take)
     assert after.masks.words in capsys.readouterr().out.replace("\n", "")
     assert after.masks.words in html.unescape(take.report.read_text())
+
+
+def test_whole_pictures_of_cameras_without_masks_are_compared_with_the_set(
+    copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = Take.open(copied / "take")
+    around = read_frame(take.trained_frame(0, 0))
+    around.means = around.means * 3
+    write_frame(take.set_splats, around, FrameMetadata())
+    monkeypatch.setattr(Footage, "unmasked_cameras", property(lambda footage: footage.held_out_cameras))
+    after, _ = evaluated(copied)
+    assert after.protocol.cameras == tuple(name for name in CAMERAS if name != "cam4")
+    alone = after.cameras["cam4"].measures
+    assert set(alone) == {f"{name}_{what}" for name in UNCUT for what in ("trained", "decoded")}
+    assert all(name not in after.cameras["cam0"].measures for name in alone), "of held-out cameras only"
+    assert after.summary.measures["psnr_picture_decoded"] == pytest.approx(alone["psnr_picture_decoded"], abs=1e-3)
+    assert after.summary.psnr_picture_fitted_decoded > after.summary.psnr_picture_decoded

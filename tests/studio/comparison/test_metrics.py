@@ -125,3 +125,19 @@ def test_uncut_figures_count_what_the_mask_lost() -> None:
     assert rendered is not None
     truth = cv2.PSNR(uncut / 255, rendered.rendered.astype(float), 1.0)
     assert found["half"]["psnr_picture"] == pytest.approx(truth, abs=1e-3)
+
+
+def test_a_set_of_splats_is_drawn_with_the_performer_and_its_colors_may_be_fitted() -> None:
+    _, mask = filmed()
+    scene = splats().clone()
+    scene.means = scene.means * 3 + torch.tensor([0.0, 0.0, 2.0])  # around and behind
+    scene.log_scales = scene.log_scales + 2
+    both = rasterize(Gaussians.cat(scene, splats()), camera(), torch.zeros(3)).image.clamp(0, 1)
+    darker = (both * 0.7 * 255 + 0.5).to(torch.uint8).numpy()
+    back = Behind(np.ones((*mask.shape, 3), np.float32), mask > 127, scene)
+    for image, fits in (((both * 255 + 0.5).to(torch.uint8).numpy(), True), (darker, False)):
+        pair = ViewPair.of(splats(), camera(), image, mask, (0, 0, 0), behind=back)
+        found = measure(pair, masked=False)
+        assert set(found) == {"psnr_performer", "psnr_moving", "psnr_picture", "psnr_picture_fitted"}
+        assert found["psnr_picture_fitted"] > 45
+        assert (found["psnr_picture"] > 45) == fits
