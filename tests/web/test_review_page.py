@@ -101,6 +101,19 @@ def test_curves_and_figures_are_those_of_the_evaluation(page: Page, take: Take) 
     page.handle.get_by_text("Numbers", exact=True).click()
 
 
+@pytest.mark.parametrize(("locale", "mark"), [("de-DE", "Dieses Bild markieren"), ("ja-JP", "このフレームにマーク")])
+def test_the_words_are_in_the_viewers_language(
+    chromium: Any, browser: Any, address: str, locale: str, mark: str
+) -> None:
+    with chromium.page((640, 900), reduced_motion="reduce", locale=locale) as page:
+        page.handle.goto(f"{address}{SECRET}/?t=0")
+        page.handle.get_by_role("button", name=mark).wait_for()
+        panel = page.handle.locator(f".v3-review[lang={locale[:2]}]")
+        assert not re.search(r"\b(mark|frame|good|bad|loss|numbers|compare)\b", panel.inner_text(), re.IGNORECASE)
+        page.handle.locator(".v3-review summary").click()
+        assert not re.search(r"\b(frame|camera|decoded|trained|size)\b", panel.locator(".numbers").inner_text())
+
+
 def test_a_comment_at_a_place_in_the_image(page: Page, take: Take) -> None:
     page.seek_frame(4)
     page.handle.get_by_role("button", name="Mark this frame").click()

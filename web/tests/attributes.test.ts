@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { names } from "stream-schema";
-import { projectFragment } from "../src/render/shaders.ts";
+import { imageSplats } from "../src/render/shaders.ts";
 import { attributeNames, channelNames } from "../src/stream/layout.ts";
 import { type MotionRendition, parseManifest } from "../src/stream/manifest.ts";
 import { MotionTables } from "../src/stream/motion.ts";
@@ -30,7 +30,7 @@ function shader(profile: "motion" | "planes"): string {
   const tiles = attributeNames(profile, 1).flatMap(([name, { length }]) =>
     Array.from({ length: profile === "planes" && name === "means" ? 2 * length : length }, (_, k) => `${name} ${k}`),
   );
-  return projectFragment(profile, 1).replace(/(?<=\bv\(|\bat = )\d+/g, (number) => tiles[Number(number)]);
+  return imageSplats(profile, 1).replace(/(?<=\bv\(|\bat = )\d+/g, (number) => tiles[Number(number)]);
 }
 
 void test("attributes are found by name", async () => {

@@ -7,18 +7,17 @@ import type { V3PlayerElement } from "../ui/element.ts";
 import type { MarkView, ReviewCamera, ReviewData, ReviewServer } from "./api.ts";
 import { make } from "../ui/dom.ts";
 import { cameraOf, whole } from "./framing.ts";
+import { WORDS } from "./language.ts";
 import type { Plots } from "./plots.ts";
 import { Wipe } from "./wipe.ts";
 
-const [START, END] = ["Compare with footage", "End comparison"];
-
 export class Comparison {
   /** Begins and ends it. */
-  readonly button = make("button", { type: "button", "aria-pressed": "false", title: "Compare with footage (W)" }, START);
+  readonly button = make("button", { type: "button", "aria-pressed": "false", title: `${WORDS.compareWith} (W)` }, WORDS.compareWith);
   /** The choice of what is compared; hidden while nothing is. */
   readonly choices: HTMLElement;
   private readonly wipe: Wipe;
-  private readonly select = make("select", { "aria-label": "Compare with the footage of a camera" });
+  private readonly select = make("select", { "aria-label": WORDS.camera });
   private readonly all = make("input", { type: "checkbox" });
   private readonly cameras: readonly ReviewCamera[];
 
@@ -31,7 +30,7 @@ export class Comparison {
   ) {
     this.cameras = data.cameras;
     this.select.append(...data.cameras.map(({ name }) => make("option", { value: name }, name)));
-    this.choices = make("span", { class: "row", hidden: "" }, this.select, make("label", {}, this.all, " whole image"));
+    this.choices = make("span", { class: "row", hidden: "" }, this.select, make("label", {}, this.all, ` ${WORDS.whole}`));
     this.button.hidden = data.cameras.length === 0;
     this.wipe = new Wipe(player, server, data.background, () => this.end());
     this.button.addEventListener("click", () => this.toggle());
@@ -61,7 +60,7 @@ export class Comparison {
   private show(camera: ReviewCamera | null): void {
     if (camera !== null) this.select.value = camera.name;
     this.choices.hidden = camera === null;
-    this.button.textContent = camera === null ? START : END;
+    this.button.textContent = camera === null ? WORDS.compareWith : WORDS.endCompare;
     this.button.setAttribute("aria-pressed", String(camera !== null));
     this.wipe.show(camera, this.all.checked);
     this.plots.compare(camera?.name ?? null);

@@ -9,6 +9,7 @@ import { Comparison } from "./comparison.ts";
 import { make } from "../ui/dom.ts";
 import { linkTo } from "../ui/link.ts";
 import { Pins } from "../ui/pins.ts";
+import { LANGUAGE, WORDS } from "./language.ts";
 import { Marks } from "./marks.ts";
 import { Plots } from "./plots.ts";
 import css from "./style.css";
@@ -41,9 +42,9 @@ function build(panel: HTMLElement, element: V3PlayerElement, player: Player, ser
   };
   controls.addHelp([
     ...(data.cameras.length === 0 ? [] : [
-      { what: "Compare", touch: "<i>Compare with footage</i>, drag the line", keys: "<kbd>W</kbd>, drag the line" },
+      { what: WORDS.compare, touch: `<i>${WORDS.compareWith}</i>, ${WORDS.dragLine}`, keys: `<kbd>W</kbd>, ${WORDS.dragLine}` },
     ]),
-    { what: "Comment", touch: "<i>Mark this frame</i>, below", keys: "<kbd>N</kbd> marks this frame and view" },
+    { what: WORDS.comment, touch: `<i>${WORDS.mark}</i>, ${WORDS.below}`, keys: `<kbd>N</kbd> ${WORDS.marksView}` },
   ]);
   element.addEventListener("keydown", (event) => {
     if (event.altKey || event.metaKey || event.ctrlKey) return;
@@ -59,7 +60,7 @@ async function start(): Promise<void> {
   if (element === null) return;
   document.head.append(make("style", {}, css));
   document.body.classList.add("v3-reviewed");
-  const panel = make("section", { class: "v3-review", "aria-label": "Review" }, make("p", {}, "Loading the review …"));
+  const panel = make("section", { class: "v3-review", "aria-label": WORDS.review, lang: LANGUAGE }, make("p", {}, WORDS.loading));
   document.body.append(panel);
   await customElements.whenDefined("v3-player");
   const server = new ReviewServer(new URL(".review/", document.baseURI));
@@ -71,7 +72,7 @@ async function start(): Promise<void> {
     const [data] = await Promise.all([server.data(), controlled]);
     if (element.engine !== null) build(panel, element, element.engine, server, data);
   } catch (error) {
-    panel.replaceChildren(make("p", { class: "problem", role: "alert" }, `The review cannot be loaded: ${messageOf(error)}`));
+    panel.replaceChildren(make("p", { class: "problem", role: "alert" }, WORDS.broken(messageOf(error))));
   }
 }
 

@@ -7,6 +7,7 @@ import { type Mark, type MarkContent, type MarkView, Refused, type ReviewServer 
 import { make, remembered } from "../ui/dom.ts";
 import type { Pins } from "../ui/pins.ts";
 import type { Comparison } from "./comparison.ts";
+import { WORDS } from "./language.ts";
 import type { Plots } from "./plots.ts";
 
 const POLL = 4000; // milliseconds between two looks at what others have marked
@@ -32,13 +33,13 @@ export class Marks {
   readonly element = make("div", { class: "marks" });
   private readonly list = make("ol");
   /** The button that opens the form. */
-  readonly add = make("button", { type: "button", class: "add" }, "Mark this frame");
+  readonly add = make("button", { type: "button", class: "add" }, WORDS.mark);
   readonly form = make("form", { hidden: "" });
   private readonly heading = make("label", { for: "v3-review-note" });
-  private readonly note = make("textarea", { id: "v3-review-note", rows: "2", maxlength: String(MAX_NOTE), placeholder: "Note" });
-  private readonly author = make("input", { maxlength: String(MAX_NAME), placeholder: "Your name", "aria-label": "Your name", autocomplete: "name", enterkeyhint: "done" });
-  private readonly remove = make("button", { type: "button" }, "Remove mark");
-  private readonly save = make("button", { type: "submit", class: "add" }, "Save");
+  private readonly note = make("textarea", { id: "v3-review-note", rows: "2", maxlength: String(MAX_NOTE), placeholder: WORDS.note });
+  private readonly author = make("input", { maxlength: String(MAX_NAME), placeholder: WORDS.name, "aria-label": WORDS.name, autocomplete: "name", enterkeyhint: "done" });
+  private readonly remove = make("button", { type: "button" }, WORDS.remove);
+  private readonly save = make("button", { type: "submit", class: "add" }, WORDS.save);
   /** A sentence that says what went wrong. */
   readonly problem = make("p", { class: "problem trouble", role: "alert" });
   private marks: readonly Mark[] = [];
@@ -56,8 +57,8 @@ export class Marks {
     private readonly pins: Pins,
     private readonly seek: (frame: number) => void,
   ) {
-    const cancel = make("button", { type: "button" }, "Cancel");
-    const kept = make("small", {}, "Tap the image to point at a place.");
+    const cancel = make("button", { type: "button" }, WORDS.cancel);
+    const kept = make("small", {}, WORDS.point);
     this.form.append(
       make("div", { class: "row" }, this.heading, kept, this.remove),
       this.note,
@@ -91,7 +92,7 @@ export class Marks {
           if (marks !== null) this.show(marks);
           if (this.editing === null) this.problem.textContent = "";
         } catch (error) {
-          this.problem.textContent = `The marks cannot be read: ${messageOf(error)}`;
+          this.problem.textContent = WORDS.unreadable(messageOf(error));
         }
       }
       await new Promise((resolve) => setTimeout(resolve, POLL));
@@ -109,7 +110,7 @@ export class Marks {
   /** Whether there is a note that another one would replace; goes back to it. */
   private unsaved(): boolean {
     if (this.editing === null || this.note.value === (this.editing.replaces?.note ?? "")) return false;
-    this.problem.textContent = "Save or cancel this note first.";
+    this.problem.textContent = WORDS.finish;
     this.note.focus();
     return true;
   }
@@ -118,7 +119,7 @@ export class Marks {
     this.kept = kept;
     this.editing = { frame, replaces: mark === undefined ? null : contentOf(mark) };
     this.began = this.comparison.view;
-    this.heading.textContent = `Note on frame ${frame}`;
+    this.heading.textContent = WORDS.noteOn(frame);
     this.note.value = mark?.note ?? "";
     this.author.value = remembered(NAME_KEY);
     this.remove.hidden = mark === undefined;
@@ -164,7 +165,7 @@ export class Marks {
       this.show(await this.server.change({ ...editing, mark }));
       this.close();
     } catch (error) {
-      this.problem.textContent = error instanceof Refused ? error.message : `The mark was not saved: ${messageOf(error)}`;
+      this.problem.textContent = error instanceof Refused ? error.message : WORDS.notSaved(messageOf(error));
       if (error instanceof Refused && error.marks !== null) this.refused(editing.frame, error.marks);
     } finally {
       this.save.disabled = this.remove.disabled = false;
@@ -177,8 +178,8 @@ export class Marks {
     const now = marks.find((one) => one.frame === frame);
     this.editing = { frame, replaces: now === undefined ? null : contentOf(now) };
     this.remove.hidden = now === undefined;
-    const theirs = now === undefined ? "The mark was removed." : `It is now “${now.note}”${now.author === "" ? "" : ` (${now.author})`}.`;
-    this.problem.append(` ${theirs} Save again to replace it.`);
+    const theirs = now === undefined ? WORDS.removed : WORDS.changed(now.note, now.author);
+    this.problem.append(` ${theirs} ${WORDS.replace}`);
   }
 
   private show(marks: readonly Mark[]): void {
@@ -192,11 +193,11 @@ export class Marks {
     this.list.replaceChildren(
       ...marks.map((mark) => {
         const go = make("button", { type: "button", class: "go" }, make("b", {}, `${mark.frame}`), ` ${clock(mark.frame / this.fps)}`);
-        go.setAttribute("aria-label", `Go to frame ${mark.frame}`);
+        go.setAttribute("aria-label", WORDS.goTo(mark.frame));
         go.addEventListener("click", () => goTo(mark));
-        const text = make("span", { class: "note" }, mark.note === "" ? "(no note)" : mark.note);
+        const text = make("span", { class: "note" }, mark.note === "" ? WORDS.noNote : mark.note);
         if (mark.author !== "") text.append(make("small", {}, ` ${mark.author}`));
-        const change = make("button", { type: "button", "aria-label": `Edit the mark at frame ${mark.frame}` }, "Edit");
+        const change = make("button", { type: "button", "aria-label": WORDS.editMark(mark.frame) }, WORDS.edit);
         change.addEventListener("click", () => {
           if (this.unsaved()) return;
           goTo(mark);

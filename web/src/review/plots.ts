@@ -4,6 +4,7 @@ import { clock } from "../ui/format.ts";
 import type { Mark, MetricCurves, QualityCurves } from "./api.ts";
 import { areaPath, curveRange, frameAt, linePath, placeOf, type Series, sizeRange, ticks } from "./curves.ts";
 import { draw, make } from "../ui/dom.ts";
+import { WORDS } from "./language.ts";
 
 const WIDTH = 1000;
 
@@ -12,7 +13,7 @@ const key = (kind: string, name: string): HTMLElement => make("span", {}, make("
 
 export class Plots {
   readonly element = make("div", { class: "plots" });
-  private readonly numbers = make("details", { class: "numbers" }, make("summary", {}, "Numbers"));
+  private readonly numbers = make("details", { class: "numbers" }, make("summary", {}, WORDS.numbers));
   private readonly readout = make("p", { class: "readout" }); // figures of a frame as text
   private readonly area = make("div", { class: "area" });
   private readonly head = make("div", { class: "line head" });
@@ -40,15 +41,15 @@ export class Plots {
     const plotted = (this.plotted = quality?.metrics[0] ?? null);
     const names = Object.keys(plotted?.by_camera ?? {});
     this.several = names.length > 1;
-    const kind = quality?.held_out === true ? "held-out" : "training";
-    this.cameras = names.length === 1 ? `${kind} camera ${names[0]}` : `mean of ${names.length} ${kind} cameras`;
+    const kind = quality?.held_out === true ? WORDS.heldOut : WORDS.training;
+    this.cameras = names.length === 1 ? WORDS.oneCamera(kind, names[0]) : WORDS.meanOf(names.length, kind);
     if (quality !== null) {
       const range = plotted === null ? null : curveRange(plotted.trained, plotted.decoded, ...Object.values(plotted.by_camera));
       if (plotted !== null && range !== null) {
-        const limits = `${range[0]} to ${range[1]} ${plotted.unit}`;
-        const title = `${plotted.title} of each frame, ${this.cameras}: before baking and decoded, ${limits}`;
+        const limits = `${WORDS.range(...range)} ${plotted.unit}`;
+        const title = WORDS.curves(plotted.title, this.cameras, limits);
         const legend = [
-          `${plotted.title}, ${this.cameras}:`, " ", key("decoded", "decoded"), " ", key("trained", "trained (before baking)"), " ", this.ownLegend,
+          `${plotted.title}, ${this.cameras}:`, " ", key("decoded", WORDS.decoded), " ", key("trained", WORDS.beforeBaking), " ", this.ownLegend,
         ];
         const plot = this.plot("quality", title, legend, limits, range);
         plot.append(
@@ -61,8 +62,8 @@ export class Plots {
       const kilobytes = quality.bytes.map((value) => (value === null ? null : value / 1000));
       const sizes = sizeRange(kilobytes);
       if (sizes !== null) {
-        const title = `Size of each frame, 0 to ${sizes[1]} KB`;
-        const plot = this.plot("size", title, ["size: the group's files, divided by its frames"], `0 to ${sizes[1]} KB`, sizes);
+        const limits = `${WORDS.range(...sizes)} KB`;
+        const plot = this.plot("size", WORDS.sizes(limits), [WORDS.sizeOf], limits, sizes);
         plot.append(draw("path", { class: "bytes", d: areaPath(kilobytes, sizes[1], WIDTH) }));
       }
     }
@@ -109,7 +110,7 @@ export class Plots {
     const series = camera === null || !this.several ? undefined : this.plotted?.by_camera[camera];
     this.own.setAttribute("d", series === undefined || this.range === null ? "" : linePath(series, this.range, WIDTH));
     this.ownLegend.hidden = series === undefined;
-    this.ownLegend.replaceChildren(key("own", `decoded, ${camera ?? ""} only`));
+    this.ownLegend.replaceChildren(key("own", `${WORDS.decoded}, ${WORDS.only(camera ?? "")}`));
     this.write();
   }
 
@@ -119,7 +120,7 @@ export class Plots {
         .filter(({ frame }) => frame < this.count)
         .map((mark) => {
           const { frame, note } = mark;
-          const tick = make("button", { type: "button", title: `Frame ${frame}: ${note}`, "aria-label": `Mark at frame ${frame}` });
+          const tick = make("button", { type: "button", title: `${WORDS.frame(frame)}: ${note}`, "aria-label": WORDS.markAt(frame) });
           tick.style.left = this.left(frame);
           tick.addEventListener("click", () => goTo(mark));
           return tick;
@@ -159,18 +160,18 @@ export class Plots {
   private write(): void {
     const frame = this.hovered ?? this.frame;
     const { quality, camera } = this;
-    const parts = [`Frame ${frame}`, clock(frame / this.fps)];
+    const parts = [WORDS.frame(frame), clock(frame / this.fps)];
     const figure = (series: Series | undefined, digits: number, unit: string, scale = 1): string => {
       const value = series?.[frame] ?? null;
-      return value === null ? "not measured" : `${(value * scale).toFixed(digits)} ${unit}`.trimEnd();
+      return value === null ? WORDS.unmeasured : `${(value * scale).toFixed(digits)} ${unit}`.trimEnd();
     };
     if (quality !== null) {
       for (const { title, unit, digits, decoded, trained, by_camera } of quality.metrics) {
         const [own, before] = [figure(decoded, digits, unit), figure(trained, digits, unit)];
-        parts.push(`${title}, ${this.cameras}: decoded ${own}, trained ${before}`);
-        if (camera !== null && this.several) parts.push(`${camera} only: ${figure(by_camera[camera], digits, unit)}`);
+        parts.push(`${title}, ${this.cameras}: ${WORDS.decoded} ${own}, ${WORDS.trained} ${before}`);
+        if (camera !== null && this.several) parts.push(`${WORDS.only(camera)}: ${figure(by_camera[camera], digits, unit)}`);
       }
-      parts.push(`size ${figure(quality.bytes, 1, "KB", 1e-3)}`);
+      parts.push(`${WORDS.size} ${figure(quality.bytes, 1, "KB", 1e-3)}`);
     }
     this.readout.replaceChildren(...parts.map((text) => make("span", {}, text)));
   }

@@ -8,6 +8,7 @@ import { make } from "../ui/dom.ts";
 import { around, cameraOf, type Part, placed, whole, withRoom } from "./framing.ts";
 import { Pictures } from "./pictures.ts";
 import css from "./wipe.css";
+import { WORDS } from "./language.ts";
 
 const GROUND = "#0b0d10";
 const STEP = 0.02;
@@ -20,7 +21,7 @@ export class Wipe {
   private readonly canvas = make("canvas");
   private readonly line: HTMLElement;
   private readonly left = make("span");
-  private readonly right = make("span", {}, "3D video");
+  private readonly right = make("span", {}, WORDS.video);
   private readonly names: HTMLElement;
   /** The camera that is compared with; null for none. */
   camera: ReviewCamera | null = null;
@@ -42,7 +43,7 @@ export class Wipe {
     this.line = make("div", {
       role: "slider",
       tabindex: "0",
-      "aria-label": "Wipe between footage and 3D video",
+      "aria-label": WORDS.wipe,
       "aria-valuemin": "0",
       "aria-valuemax": "100",
     });
@@ -161,8 +162,8 @@ export class Wipe {
     context.fillRect(0, bottom, width, height - bottom);
     context.fillRect(0, 0, box.x, height);
     context.fillRect(right, 0, width - right, height);
-    const what = `Footage of ${camera.name}${camera.undistorted ? ", without lens distortion" : ""}`;
-    const missing = this.pictures.problem === "" ? "loading" : `not available: ${this.pictures.problem}`;
+    const what = WORDS.footage(camera.name, camera.undistorted);
+    const missing = this.pictures.problem === "" ? WORDS.isLoading : WORDS.unavailable(this.pictures.problem);
     this.left.textContent = picture === null ? `${what}: ${missing}` : what;
     this.layer.dataset["frame"] = picture === null ? "" : String(frame);
   }

@@ -5,6 +5,7 @@ import { make } from "../ui/dom.ts";
 import { clock } from "../ui/format.ts";
 import type { Timeline } from "../ui/timeline.ts";
 import type { MetricCurves, QualityCurves } from "./api.ts";
+import { WORDS } from "./language.ts";
 
 const MOST = 3; // moments that are shown
 
@@ -18,6 +19,11 @@ export function wordOf({ decoded, words }: Rated, frame: number): Word | null {
   if (value === null || words === null) return null;
   return value >= words[0] ? "good" : value >= words[1] ? "visible loss" : "bad";
 }
+
+const label = (rated: Rated, frame: number): string => {
+  const word = wordOf(rated, frame);
+  return word === null ? WORDS.unmeasured : WORDS.grades[word];
+};
 
 /** The worst frame of each of the worst passages that are not good, at most `most`, in the order of time. */
 export function worstFrames(rated: Rated, most: number): number[] {
@@ -38,12 +44,12 @@ export function worstFrames(rated: Rated, most: number): number[] {
 /** How many frames are how good, for the whole take. */
 export function summaryOf(rated: Rated): string {
   const words = rated.decoded.map((_, frame) => wordOf(rated, frame)).filter((word) => word !== null);
-  if (words.length === 0) return "Not measured yet.";
+  if (words.length === 0) return WORDS.notYet;
   const parts = (["good", "visible loss", "bad"] as const).flatMap((word) => {
     const share = Math.round((100 * words.filter((one) => one === word).length) / words.length);
-    return words.includes(word) ? [`${word} ${share < 1 ? "below 1" : share}% of the time`] : [];
+    return words.includes(word) ? [WORDS.time(WORDS.grades[word], share < 1 ? WORDS.belowOne : `${share}%`)] : [];
   });
-  return `Quality: ${parts.join(", ")}.`;
+  return WORDS.quality(parts.join(", "));
 }
 
 /** Returns the word for the frame on the screen, and the summary with the worst moments, which are marked on the timeline. */
@@ -58,17 +64,17 @@ export function wordsPanel(
   const metric = quality?.metrics[0];
   if (metric === undefined) return { now, element: make("div", { class: "words" }) };
   const show = (frame: number): void => {
-    now.textContent = `${clock(frame / fps)} · ${wordOf(metric, frame) ?? "not measured"}`;
+    now.textContent = `${clock(frame / fps)} · ${label(metric, frame)}`;
   };
   player.on("frame", ({ frame }) => show(frame));
   show(player.frame);
   const worst = worstFrames(metric, MOST);
   timeline.mark(worst);
   const moments = worst.map((frame) => {
-    const go = make("button", { type: "button" }, make("b", {}, clock(frame / fps)), ` ${wordOf(metric, frame) ?? ""}`);
+    const go = make("button", { type: "button" }, make("b", {}, clock(frame / fps)), ` ${label(metric, frame)}`);
     go.addEventListener("click", () => seek(frame));
     return go;
   });
-  const places = moments.length === 0 ? [] : [make("div", { class: "row worst" }, make("span", {}, "Worst moments:"), ...moments)];
+  const places = moments.length === 0 ? [] : [make("div", { class: "row worst" }, make("span", {}, WORDS.worst), ...moments)];
   return { now, element: make("div", { class: "words" }, make("p", {}, summaryOf(metric)), ...places) };
 }

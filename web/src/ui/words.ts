@@ -47,7 +47,7 @@ export const ENGLISH = {
 };
 
 /** A table with the names of `T` and any texts. */
-type Same<T> = { readonly [K in keyof T]: T[K] extends string ? string : T[K] extends (...values: never) => string ? T[K] : Same<T[K]> };
+export type Same<T> = { readonly [K in keyof T]: T[K] extends string ? string : T[K] extends (...values: never) => string ? T[K] : Same<T[K]> };
 
 export type Words = Same<typeof ENGLISH>;
 
