@@ -22,7 +22,7 @@ const restName = `v3-rest-${createHash("sha256").update(rest).digest("hex").slic
 const apart = {
   name: "apart",
   setup(builder) {
-    builder.onResolve({ filter: /\/rest\.ts$/ }, ({ kind }) =>
+    builder.onResolve({ filter: /\/(rest|sound|video_reader)\.ts$/ }, ({ kind }) =>
       kind === "dynamic-import" ? { path: `./${restName}`, external: true } : undefined);
   },
 };

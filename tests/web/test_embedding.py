@@ -16,7 +16,7 @@ PAGE = """<!doctype html><meta name="viewport" content="width=device-width"><p>T
 def test_fingers_turn_sideways_and_scroll_the_page_up_and_down(site: Site, baked: Baked, open_page: OpenPage) -> None:
     shutil.copytree(baked(ladder=(16,), splats=300, clicks=(0.12,)), site.stream)
     page = open_page(html=PAGE % "controls muted autoplay loop", has_touch=True, is_mobile=True)
-    page.wait("player.state.playing && (seen.looped ?? []).length && player.engine.sound.present")
+    page.wait("player.state.playing && (seen.looped ?? []).length && player.engine.sound?.present")
     assert page.state["muted"] is True
     page.swipe(((200, 200), (-120, 0)))
     page.wait("player.state.view.azimuth < -10")

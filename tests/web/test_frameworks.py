@@ -94,7 +94,7 @@ def test_calls_before_it_is_in_the_page(site: Site, stream: Path, open_page: Ope
     assert state["view"]["azimuth"] == pytest.approx(30)
     muted, background = page.evaluate(
         """() => { const {engine} = document.querySelector('v3-player');
-          return [engine.sound.muted, engine.background]; }"""
+          return [engine.muted, engine.background]; }"""
     )
     assert muted
     assert background == [1, 1, 1]

@@ -67,7 +67,7 @@ def sounding(site: Site, baked: Baked) -> Path:
 def test_loops_have_no_gap(sounding: Path, open_page: OpenPage) -> None:
     """Clicks of one loop and the next are exactly a loop apart, and the frames stay with them."""
     page = open_page("?t=0", LISTEN)
-    page.wait("player.engine.sound.present")
+    page.wait("player.engine.sound?.present")
     page.click("play")  # an input, which allows sound
     page.wait("window.clicks.length >= 6 && (seen.looped ?? []).length >= 6")
     page.call("pause")
@@ -78,14 +78,14 @@ def test_loops_have_no_gap(sounding: Path, open_page: OpenPage) -> None:
 
 def test_it_plays_with_the_click_where_it_should_be_and_the_frames_follow(sounding: Path, open_page: OpenPage) -> None:
     page = open_page("?t=0", WITHOUT_WEB_AUDIO)
-    page.wait("player.engine.sound.present")
+    page.wait("player.engine.sound?.present")
     page.click("play")  # an input: without one, Chromium refuses some sounds, even muted ones
-    page.wait("(seen.looped ?? []).length && player.engine.sound.element.played.length")
+    page.wait("(seen.looped ?? []).length && player.engine.sound?.element.played.length")
     assert not page.seen("notice")
     button = page.handle.locator("v3-player .bar [data-act='sound']")
     assert button.is_visible()
     page.call("pause")
-    page.wait("player.engine.sound.element.paused")
+    page.wait("player.engine.sound?.element.paused")
     muted = page.state["muted"]
     page.click("sound")
     assert page.state["muted"] is not muted
@@ -145,7 +145,7 @@ def test_a_browser_that_waits_for_the_viewer(sounding: Path, open_page: OpenPage
     page.call("play")
     page.wait("window.refusals.length === 2")
     page.evaluate("() => { for (const refuse of window.refusals) refuse(); }")
-    page.wait("player.engine.sound.blocked && player.state.muted && window.silent > 0")
+    page.wait("player.engine.sound?.blocked && player.state.muted && window.silent > 0")
     assert "without sound" in page.handle.locator("v3-player .notice").inner_text()
     page.evaluate("() => { window.allowed = true; }")
     page.call("setMuted", False)

@@ -1,11 +1,12 @@
 /** The clock: determines which frame is due, asks for it ahead of time, and follows the sound. */
 
 import type { View } from "../render/camera.ts";
+import { messageOf } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type { StreamEvents, StreamInfo, StreamSource } from "../worker/messages.ts";
 import { Emitter } from "./emitter.ts";
 import { type Course, dueFrame, playable } from "./schedule.ts";
-import { Sound } from "./sound.ts";
+import type { Sound } from "./sound.ts";
 import { Statistics } from "./statistics.ts";
 import { type StreamOptions, V3Stream } from "./stream.ts";
 
@@ -39,7 +40,7 @@ export interface PlayerEvents extends Pick<StreamEvents, "opened" | "grown" | "f
   looped: undefined;
   waiting: boolean;
   view: View;
-  /** Sound was loaded, muted, or blocked by the browser; see `Player.sound`. */
+  /** Sound was loaded, muted, or blocked by the browser; see `Playback.sound`. */
   sound: undefined;
 }
 
@@ -53,7 +54,9 @@ export interface Shown {
 export abstract class Playback<Content extends Shown> extends Emitter<PlayerEvents> {
   readonly statistics = new Statistics();
   readonly stream: V3Stream;
-  readonly sound = new Sound(() => this.emit("sound", undefined), (message) => this.emit("notice", message));
+  /** Loaded with the first sound of a stream; null before. */
+  sound: Sound | null = null;
+  private muted_ = false;
   protected shown: Shown | null = null; // frame on the screen
   protected requested: Requested | null = null;
   protected failed = false;
@@ -88,10 +91,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
       this.setWaiting(false);
       this.emit("updated", undefined);
     });
-    stream.on("sound", ({ file, start, length }) => {
-      this.sound.looping = this.loop_ && this.info?.live !== true;
-      this.sound.load(file, start, length, this.duration);
-    });
+    stream.on("sound", (heard) => void this.load(heard));
     // Hidden pages get no animation frames; the clock must not advance in the meantime.
     const { signal } = this.stop;
     document.addEventListener("visibilitychange", () => {
@@ -115,7 +115,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     this.shown = this.ready = this.requested = null;
     this.failed = this.updated = false;
     this.position = 0;
-    this.sound.clear();
+    this.sound?.clear();
     const opened = this.stream.open(source);
     this.stream.request({ type: "playing", playing: this.playing_ });
     return opened;
@@ -138,7 +138,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     this.stream.request({ type: "playing", playing: true });
     this.lastTick = null;
     // Within the viewer's input, if it is one: some browsers start sound only then.
-    if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound.follow(this.position / info.fps, this.speed_);
+    if (info !== null && this.shown !== null && this.requested?.seek !== true) this.sound?.follow(this.position / info.fps, this.speed_);
     this.emit("play", undefined);
   }
 
@@ -146,7 +146,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     if (!this.playing_) return;
     this.playing_ = false;
     this.stream.request({ type: "playing", playing: false });
-    this.sound.halt();
+    this.sound?.halt();
     if (this.shown !== null && this.requested?.seek !== true) {
       this.position = this.shown.frame;
       this.setWaiting(false); // what comes next is not shown
@@ -160,8 +160,19 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
 
   set loop(loop: boolean) {
     this.loop_ = loop;
-    this.sound.looping = loop && this.info?.live !== true;
+    if (this.sound !== null) this.sound.looping = loop && this.info?.live !== true;
     this.stream.request({ type: "loop", loop });
+  }
+
+  get muted(): boolean {
+    return this.sound?.muted ?? this.muted_;
+  }
+
+  /** Call with `false` while handling an input of the viewer, since browsers may require one. */
+  set muted(muted: boolean) {
+    this.muted_ = muted;
+    if (this.sound !== null) this.sound.muted = muted;
+    else this.emit("sound", undefined);
   }
 
   /** Playback speed relative to the stream's frame rate, 0.1 to 4. */
@@ -196,7 +207,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     const target = playable(this.courseOf(info), inside);
     if (target === null) return;
     this.position = target;
-    this.sound.halt();
+    this.sound?.halt();
     this.dropReady();
     this.request(target, true);
   }
@@ -210,7 +221,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   dispose(): void {
     this.stop.abort();
     this.stream.close();
-    this.sound.clear();
+    this.sound?.clear();
     this.removeAll();
   }
 
@@ -225,7 +236,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     if (!this.playing_ || this.shown === null || this.requested?.seek === true || info.frameCount === 1) return;
     const before = this.position;
     // The sound leads where there is some.
-    const heard = this.sound.follow(this.position / info.fps, this.speed_);
+    const heard = this.sound?.follow(this.position / info.fps, this.speed_) ?? null;
     this.position = heard === null ? this.position + (elapsed / 1000) * info.fps * this.speed_ : heard * info.fps;
     const next = this.ready?.requested ?? this.requested;
     // Frame numbers continue past the end if the next frame is in the next loop.
@@ -234,12 +245,12 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
         const { content } = this.ready;
         this.ready = null;
         this.position -= next.lap;
-        if (next.lap > 0) this.sound.lap();
+        if (next.lap > 0) this.sound?.lap();
         this.show(content, now);
         if (next.lap > 0) this.emit("looped", undefined);
       } else if (performance.now() - next.at > (heard === null ? GRACE : TELL)) {
         // The frame is late; the clock and the sound wait for it.
-        this.sound.halt();
+        this.sound?.halt();
         this.position = Math.max(before, next.frame + next.lap);
       }
     }
@@ -251,10 +262,27 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
     if (this.requested === null) this.request(Math.floor(this.position), true);
   }
 
+  private async load({ file, start, length }: StreamEvents["sound"]): Promise<void> {
+    const { info } = this;
+    try {
+      const { Sound: Loaded } = await import("./sound.ts");
+      if (this.stop.signal.aborted || info !== this.info) return;
+      if (this.sound === null) {
+        this.sound = new Loaded(() => this.emit("sound", undefined), (message) => this.emit("notice", message));
+        this.sound.muted = this.muted_;
+      }
+    } catch (error) {
+      this.emit("notice", `The stream plays without sound: ${messageOf(error)}`);
+      return;
+    }
+    this.sound.looping = this.loop_ && info?.live !== true;
+    this.sound.load(file, start, length, this.duration);
+  }
+
   protected fail(message: string): void {
     this.failed = true;
     this.playing_ = false;
-    this.sound.halt();
+    this.sound?.halt();
     this.emit("failed", message);
   }
 
@@ -286,7 +314,7 @@ export abstract class Playback<Content extends Shown> extends Emitter<PlayerEven
   /** The time since the last frame does not count. */
   protected skipTime(): void {
     this.lastTick = this.lastShownAt = null;
-    this.sound.halt();
+    this.sound?.halt();
   }
 
   /** A stream that is wholly in memory asks the server for nothing that would show that it was baked again. */

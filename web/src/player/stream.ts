@@ -2,14 +2,14 @@
  * dequantizes; other engines ask for splats (`frame`). */
 
 import workerSource from "worker-source";
-import { StreamError } from "../stream/errors.ts";
+import { messageOf, StreamError } from "../stream/errors.ts";
 import { groupOfFrame } from "../stream/manifest.ts";
 import type {
-  DecodePath, FromWorker, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker,
+  DecodePath, FromWorker, Splats, StreamEvents, StreamInfo, StreamOptions, StreamSource, ToWorker, Video,
 } from "../worker/messages.ts";
 import { takeEarlyFiles } from "./early_files.ts";
 import { Emitter } from "./emitter.ts";
-import { VideoReader } from "./video_reader.ts";
+import type { VideoReader } from "./video_reader.ts";
 
 export type { StreamOptions };
 
@@ -54,7 +54,7 @@ export class V3Stream extends Emitter<StreamEvents> {
   /** Largest side of a texture that the device can render from, in pixels, for players. Set before opening. */
   maxTexture = Infinity;
   private readonly worker = takeWorker();
-  private readonly videos = new VideoReader();
+  private videos: Promise<VideoReader> | null = null;
   private asked: Asked[] = [];
   private failure: string | null = null;
   private number = 0; // how many streams were opened
@@ -117,7 +117,7 @@ export class V3Stream extends Emitter<StreamEvents> {
 
   close(): void {
     this.worker.terminate();
-    this.videos.dispose();
+    void this.videos?.then((videos) => videos.dispose());
     this.rejectAll("The stream was closed.");
     this.removeAll();
   }
@@ -126,6 +126,15 @@ export class V3Stream extends Emitter<StreamEvents> {
     this.failure = message;
     this.rejectAll(message);
     this.emit("failed", message);
+  }
+
+  private async openVideo(video: Video): Promise<void> {
+    this.videos ??= import("./video_reader.ts").then(({ VideoReader: Reader }) => new Reader());
+    try {
+      (await this.videos).open(video);
+    } catch (error) {
+      this.fail(messageOf(error));
+    }
   }
 
   private rejectAll(message: string): void {
@@ -174,7 +183,7 @@ export class V3Stream extends Emitter<StreamEvents> {
         this.path = message.value;
         break;
       case "video":
-        if ("document" in globalThis) this.videos.open(message.value);
+        if ("document" in globalThis) void this.openVideo(message.value);
         else this.fail("The decoder video needs a page, not a worker; webcodecs needs a secure (HTTPS) page.");
         return;
     }

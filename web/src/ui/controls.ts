@@ -172,10 +172,10 @@ export class Controls extends Bar<ControlsHost> {
   }
 
   private showSound(): void {
-    const { sound } = this.player;
-    this.part("[data-act='sound']").hidden = !sound.present;
-    this.relabel("sound", sound.muted ? ICONS.silent : ICONS.sound, sound.muted ? this.words.soundOn : this.words.soundOff);
-    if (!sound.blocked || this.toldOfSound) return;
+    const { sound, muted } = this.player;
+    this.part("[data-act='sound']").hidden = sound?.present !== true;
+    this.relabel("sound", muted ? ICONS.silent : ICONS.sound, muted ? this.words.soundOn : this.words.soundOff);
+    if (sound?.blocked !== true || this.toldOfSound) return;
     this.toldOfSound = true;
     this.notice(this.words.silent);
   }
@@ -219,13 +219,13 @@ export class Controls extends Bar<ControlsHost> {
       host.pause();
       return;
     }
-    if (player.sound.blocked) host.setMuted(false);
+    if (player.sound?.blocked === true) host.setMuted(false);
     host.play();
   }
 
   toggleSound(): void {
-    const { sound } = this.player;
-    if (sound.present) this.host.setMuted(!sound.muted);
+    const { sound, muted } = this.player;
+    if (sound?.present === true) this.host.setMuted(!muted);
   }
 
   skip(seconds: number): void {

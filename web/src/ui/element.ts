@@ -140,7 +140,8 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
 
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (before === now || this.#unwatch === null) return;
-    const { sound, info } = this.#engine ?? {};
+    const engine = this.#engine;
+    const info = engine?.info;
     if (name === "src") this.open();
     else if (name === "decoder" && this.#engine !== null) {
       this.#end();
@@ -149,7 +150,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
     else if (name === "loop" && this.#engine !== null) {
       this.#engine.loop = this.loop;
       this.#ui?.showChoices();
-    } else if (name === "muted" && sound !== undefined) sound.muted = this.muted;
+    } else if (name === "muted" && engine !== null) engine.muted = this.muted;
     else if (name === "view" && info && parseView(now) !== null) this.setView(now!);
     else this.#showPoster();
     this.#consider();
@@ -219,7 +220,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
   /** Turns the sound off or on. Browsers may refuse to turn it on before the viewer has touched the page. */
   setMuted(muted: boolean): void {
     this.muted = readSwitch(muted, "setMuted");
-    if (this.#engine !== null) this.#engine.sound.muted = muted;
+    if (this.#engine !== null) this.#engine.muted = muted;
   }
 
   /** Opens a stream in one file (`.v3s`) on this computer. */
@@ -240,7 +241,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
       speed: this.#speed,
       loop: this.loop,
       live: player?.info?.live ?? false,
-      muted: player?.info?.hasSound === true ? player.sound.muted : null,
+      muted: player?.info?.hasSound === true ? player.muted : null,
       view: player?.info ? player.view : null,
     };
   }
@@ -379,7 +380,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
     }
     this.#engine.hidden = !this.#seen && !this.page;
     this.#engine.speed = this.#speed;
-    this.#engine.sound.muted = this.muted;
+    this.#engine.muted = this.muted;
     this.#announce(this.#engine);
     this.#paint();
     this.open(this.#file);
@@ -480,7 +481,7 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
     });
     player.on("frame", (detail) => this.#tell("v3-time", detail));
     player.on("grown", ({ frameCount, live }) => this.#tell("v3-grown", { frameCount, duration: player.duration, live }));
-    player.on("sound", () => this.#tell("v3-sound", { muted: player.sound.muted, volume: player.sound.element.volume }));
+    player.on("sound", () => this.#tell("v3-sound", { muted: player.muted, volume: player.sound?.element.volume ?? 1 }));
     player.on("updated", () => {
       this.#tell("v3-updated", null);
       // Before the first image, there is nothing to be kept.

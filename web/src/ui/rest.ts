@@ -1,4 +1,4 @@
-/** The part that is loaded once there is an image: controls, intros, VR and AR. */
+/** The part that is loaded once there is an image: controls, intros, VR and AR, sound; and decoding by `<video>`. */
 
 import type { Player } from "../player/player.ts";
 import { messageOf } from "../stream/errors.ts";
@@ -12,6 +12,8 @@ import css from "./style.css";
 import { template } from "./template.ts";
 import { wordsOf } from "./words.ts";
 
+export { Sound } from "../player/sound.ts";
+export { VideoReader } from "../player/video_reader.ts";
 export { flyPath, loadPath } from "./intro.ts";
 export { inLanguage } from "./words.ts";
 
