@@ -1,8 +1,9 @@
 """Python programs started from a process that has imported the heavy libraries already.
 
 Importing PyTorch and its company takes three seconds of CPU time, and taking it down a third of one; the tests start
-more than a hundred programs. A `WarmPython` imports once and forks for each program. What a program is given
-(arguments, folder, environment, pipes) and what can be done to it (signals, kill -9, waiting) is as with `subprocess`.
+more than a hundred programs. A `WarmPython` imports once and forks for each program of all processes that run tests.
+What a program is given (arguments, folder, environment, pipes) and what can be done to it (signals, kill -9, waiting)
+is as with `subprocess`.
 Three things differ: modules of the project are imported before the program starts; environment variables that Python,
 the C library or OpenMP read as they start (LC_ALL, PYTHONUTF8) have the values of the `WarmPython`; and a program
 without a window ends without taking its libraries down. Tests of imports, of start-up and of the very end therefore use
@@ -29,6 +30,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,6 +40,8 @@ _ROOT = Path(__file__).parents[2]
 _LIBRARIES = ("torch.optim", "cv2", "av", "open3d", "pymeshlab", "matplotlib.figure", "scipy.optimize")
 _LIBRARIES += ("rich.progress", "jinja2", "safetensors.torch")
 _PACKAGES = ("v3studio.studio", "v3studio.pipelines", "v3studio.gui")
+_OF_WINDOWS = ("open3d", "v3studio.gui")
+"""What a warm Python of a locale does without: it starts a dozen commands."""
 
 
 class WarmProcess:
@@ -111,28 +115,10 @@ class WarmProcess:
 
 
 class WarmPython:
-    """The process that forks. It ends with the process that made it.
+    """The process that forks, by a connection to it. It ends when all that were not forked by itself are closed."""
 
-    Args:
-        env: its environment; default: that of this process.
-        connection: to the one that has forked this process; None to start another.
-    """
-
-    def __init__(self, env: Mapping[str, str] | None = None, connection: socket.socket | None = None) -> None:
-        self._lock = threading.Lock()
-        if connection is not None:
-            self._socket = connection
-            return
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        environment = {**(os.environ if env is None else env), "PYTHONPATH": str(_ROOT)}
-        self._server = subprocess.Popen(
-            [sys.executable, "-m", "tests.support.warm_python", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
-            cwd=_ROOT,
-            env=environment,
-        )
-        theirs.close()
-        self._socket = ours
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket, self._lock = connection, threading.Lock()
 
     def popen(
         self,
@@ -183,13 +169,40 @@ class WarmPython:
         return subprocess.CompletedProcess(process.args, process.wait(), stdout, stderr)
 
 
+_started: list[subprocess.Popen[bytes]] = []
+
+
 @functools.cache
 def warm_python(locale: str | None = None) -> WarmPython:
-    """The warm Python of this test process; one per locale (LC_ALL and LANG)."""
-    return WarmPython({**os.environ, "LC_ALL": locale, "LANG": locale} if locale else None)
+    """The warm Python of all parallel processes of this run of the tests; one per locale (LC_ALL and LANG)."""
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID", os.getpid())
+    address = f"\0warm python {run} {locale}"  # no file
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    while True:
+        _start(address, locale)
+        try:
+            connection.connect(address)
+            return WarmPython(connection)
+        except ConnectionRefusedError:  # it does not listen yet, or has just ended
+            time.sleep(0.01)
 
 
-def _serve(connection: socket.socket) -> tuple[list[str], socket.socket]:
+def _start(address: str, locale: str | None) -> None:
+    """Start a warm Python at this address, unless there is one."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        try:
+            listener.bind(address)
+        except OSError:
+            return
+        listener.listen()
+        environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
+        environment |= {"LC_ALL": locale, "LANG": locale} if locale else {}
+        command = [sys.executable, "-m", "tests.support.warm_python", str(listener.fileno())]
+        command += _OF_WINDOWS if locale else ()
+        _started.append(subprocess.Popen(command, pass_fds=[listener.fileno()], cwd=_ROOT, env=environment))
+
+
+def _serve(listener: socket.socket) -> tuple[list[str], socket.socket]:
     """Fork for each request, also of the forked processes, in which this returns the arguments of their program and a
     connection for their requests."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -199,9 +212,14 @@ def _serve(connection: socket.socket) -> tuple[list[str], socket.socket]:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(woken.fileno())
     running: dict[int, int] = {}
-    connections = [connection]
+    connections: list[socket.socket] = []
+    clients: set[socket.socket] = set()  # the connections of the tests' processes
     while True:
-        ready = select.select([*connections, wake], [], [])[0]
+        ready = select.select([*connections, listener, wake], [], [])[0]
+        if listener in ready:
+            client, _ = listener.accept()
+            connections.append(client)
+            clients.add(client)
         if wake in ready:
             with contextlib.suppress(BlockingIOError):
                 wake.recv(4096)
@@ -215,11 +233,12 @@ def _serve(connection: socket.socket) -> tuple[list[str], socket.socket]:
                 os.close(status)
         for one in [one for one in connections if one in ready]:
             data, descriptors, _, _ = socket.recv_fds(one, 1 << 20, 4)
-            if not data and one is connection:
-                os._exit(0)
             if not data:
                 connections.remove(one)
+                clients.discard(one)
                 one.close()
+                if not clients:
+                    os._exit(0)
                 continue
             request = json.loads(data)
             *files, status = descriptors
@@ -229,7 +248,7 @@ def _serve(connection: socket.socket) -> tuple[list[str], socket.socket]:
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 signal.signal(signal.SIGINT, signal.default_int_handler)
-                for end in (*connections, wake, woken, ours):
+                for end in (*connections, listener, wake, woken, ours):
                     end.close()
                 for descriptor in (status, *running.values()):
                     os.close(descriptor)
@@ -335,21 +354,21 @@ if __name__ == "__main__":
         lose_locks()
     gc.disable()
     for _name in _LIBRARIES:
-        import_module(_name)
-    for _package in map(import_module, _PACKAGES):
+        if _name not in sys.argv:
+            import_module(_name)
+    for _package in (import_module(_name) for _name in _PACKAGES if _name not in sys.argv):
         for _module in pkgutil.walk_packages(_package.__path__, f"{_package.__name__}."):
             if "triton" not in _module.name:  # tests choose how Triton is imported, if it is there
                 import_module(_module.name)
     gc.collect()
     gc.enable()
     gc.freeze()  # otherwise the first collection in each program copies all these pages
-    with socket.socket(fileno=int(sys.argv[1])) as _connection:
-        _arguments, _own = _serve(_connection)
+    _arguments, _own = _serve(socket.socket(fileno=int(sys.argv[1])))
     if "OMP_NUM_THREADS" in os.environ:  # OpenMP read it when it was loaded
         import torch
 
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
-    subprocess.Popen = forking(WarmPython(connection=_own))  # type: ignore[assignment,misc]
+    subprocess.Popen = forking(WarmPython(_own))  # type: ignore[assignment,misc]
     _code: object = 0
     try:
         _run(_arguments)
