@@ -58,4 +58,5 @@ def test_cameras_are_fitted_while_splats_learn_from_points(monkeypatch: pytest.M
     colors = torch.tensor([[0.3, 0.5, 0.7, 1.0], [0.7, 0.4, 0.2, 1.0]], dtype=torch.float64).T
     error = ((found - matrices()) @ colors).square().mean().sqrt()
     assert error < 0.6 * ((neutral() - matrices()) @ colors).square().mean().sqrt()
-    assert torch.equal(found, fit_camera_colors(views, truth.means, start, SETTINGS, seed=5))
+    monkeypatch.setattr("v3studio.studio.training.camera_colors.STEPS", 25)
+    assert torch.equal(*(fit_camera_colors(views, truth.means, start, SETTINGS, seed=5) for _ in range(2)))
