@@ -23,6 +23,8 @@ _WINDOW = 0.2
 """Distance from a click, in sides of the image, up to which masks may change."""
 _DOT = 0.006
 """Radius of a click, in sides of the image."""
+_NEAR = 0.03
+"""Distance from a carried hint, in sides of the image, up to which masks may change."""
 _LEAK = 1.6
 """A carried part is at most so many times as large as its hint, or it is the hint."""
 _FEWEST = 6
@@ -291,14 +293,18 @@ def cut_part(image: np.ndarray, mask: np.ndarray, hints: Parts, likely: Parts | 
 
 
 def carried(image: np.ndarray, mask: np.ndarray, hints: Parts, most: Sequence[float]) -> Parts:
-    """What carried hints change: as `cut_part`, but nothing where a mask is already as they say, and no more than the
-    hints where that would be more than `most` pixels."""
+    """What carried hints change: as `cut_part`, but nothing where a mask is already as they say or far from the hints,
+    and no more than the hints where that would be more than `most` pixels."""
+    import cv2
+
     changed = hints.added & (mask <= 127), hints.removed & (mask > 127)
     wanted = [part if part.sum() >= _FEWEST else np.zeros_like(part) for part in changed]
     if not np.any(wanted):
         return Parts(*wanted)
-    cores = Parts(*map(_inside, wanted))
-    parts = cut_part(image, mask, cores, Parts(*(_patch(image, core) for core in cores)))
+    cores, reach = Parts(*map(_inside, wanted)), 2 * round(_NEAR * max(mask.shape)) + 1
+    near = [cv2.dilate(part.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0 for part in wanted]
+    likely = Parts(*(_patch(image, core) & around for core, around in zip(cores, near, strict=True)))
+    parts = [part & around for part, around in zip(cut_part(image, mask, cores, likely), near, strict=True)]
     return Parts(
         *(part if part.sum() <= limit else hint for part, hint, limit in zip(parts, wanted, most, strict=True))
     )

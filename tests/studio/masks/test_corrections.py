@@ -56,7 +56,7 @@ def test_a_click_brings_a_part_back_in_near_frames_and_in_cameras_that_lack_it_t
             before, exact = mask(camera, frame), whole(camera, frame)
             after = by_hand.corrected(camera, frame, before)
             assert overlap(before, exact) < 0.8
-            assert overlap(after, exact) > 0.95, (camera, frame, len(lacking))
+            assert overlap(after, exact) > 0.9, (camera, frame, len(lacking))
         beyond = body(CLICKED, REACH + 1)
         np.testing.assert_array_equal(by_hand.corrected(CLICKED, REACH + 1, beyond), beyond)
 
@@ -64,7 +64,7 @@ def test_a_click_brings_a_part_back_in_near_frames_and_in_cameras_that_lack_it_t
 def test_a_click_takes_a_part_away_in_near_frames_and_other_cameras() -> None:
     by_hand = corrections(whole, performer=False)
     for camera, frame in ((CLICKED, 0), (CLICKED, 2), (OTHER, 0), (AFAR, 2)):
-        assert overlap(by_hand.corrected(camera, frame, whole(camera, frame)), body(camera, frame)) > 0.95
+        assert overlap(by_hand.corrected(camera, frame, whole(camera, frame)), body(camera, frame)) > 0.9
 
 
 def test_masks_that_are_right_stay() -> None:
