@@ -190,7 +190,8 @@ class MainWindow:
         wanted = {"cameras": cameras.ask, "bakes": bakes.show}
         views.dialog_wanted.connect(later(lambda name: wanted[name]()))
         queue = panels.start.page.queue
-        self._pasting = PasteActions(self._clipboard, notices, self.open, opening.new_take)
+        self._pasting = PasteActions(self._clipboard, notices, self.open, opening.new_take, self._chords)
+        self._input.reports.kept = self._pasting.kept
         self.actions = Actions(
             player=player,
             views=views,
@@ -317,7 +318,7 @@ class MainWindow:
         LOOP.run()
         if self._user.tick():
             self._pace.touched()
-        if self.actions.runs.close_if_asked():
+        if self.actions.runs.close_if_asked() or self._pasting.waits:
             self.changed()
         if self._pace.rests():
             self._log.tick()

@@ -16,6 +16,8 @@ from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.platform.clipboard import Clipboard
+from v3studio.gui.platform.keyboard import KEYS, type_text
+from v3studio.gui.platform.presses import Chords, Press
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.folder import ask_path
 from v3studio.gui.widgets.dialogs.take import NewTakeDialog
@@ -117,24 +119,47 @@ class OpenDialogs:
 
 
 class PasteActions:
-    """Opens what was copied. `open_place`: opens a path or URL. `new_take`: asks for more about a new take."""
+    """Opens what was copied, or types it into the text field that has kept Ctrl+V: the toolkit's fields paste only what
+    was copied in them. `open_place`: opens a path or URL. `new_take`: asks for more about a new take. `chords`: while
+    Ctrl is held, fields take no text."""
 
     def __init__(
         self, clipboard: Clipboard, notices: Notices, open_place: Callable[[str], None],
-        new_take: Callable[[NewTake], object],
+        new_take: Callable[[NewTake], object], chords: Chords,
     ) -> None:  # fmt: skip
         self._clipboard, self._notices, self._open, self._new_take = clipboard, notices, open_place, new_take
+        self._chords, self._into_field, self._copied_inside = chords, False, False
+        self._text: str | None = None  # to be typed
 
     def paste(self) -> None:
         """Open the path on the clipboard, once it is known."""
         if not self._clipboard.ask():
             self._notices.show("There is no clipboard to paste from.", bad=True, topic="open")
 
+    def kept(self, press: Press) -> None:
+        """Paste into the text field that has kept a press of Ctrl+V."""
+        if press.control and press.code in (KEYS["c"], KEYS["x"]):
+            self._copied_inside = True  # the toolkit pastes this from now on
+        elif press.control and press.code == KEYS["v"] and not self._copied_inside:
+            self._into_field = self._clipboard.ask()
+
+    @property
+    def waits(self) -> bool:
+        """Whether something is about to be typed."""
+        return self._into_field or self._text is not None
+
     def poll(self) -> None:
-        """Open the path once the clipboard has answered. Call at each tick."""
+        """Open or type the text once the clipboard has answered. Call at each tick."""
         text = self._clipboard.poll()
-        if text is not None:
+        if text is not None and self._into_field:
+            self._into_field, self._text = False, (path_in(text).splitlines() or [""])[0]
+        elif text is not None:
             self._pasted(text)
+        if self._text is not None and not self._chords.control:
+            text, self._text = self._text, None
+            if not type_text(text):
+                problem = f"'{text[:60]}' has letters that this keyboard lacks, so it cannot be pasted."
+                self._notices.show(problem, bad=True, topic="paste")
 
     def _pasted(self, text: str) -> None:
         """Open a path or URL; a folder that is neither a take nor a stream becomes the footage of a new take."""

@@ -1,9 +1,10 @@
 """Actions that write files: screenshots, exports, the report."""
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
-from v3studio.gui.drawing.palette import State
+from v3studio.gui.drawing.palette import BAD, DIM, State
 from v3studio.gui.models.notices import Notices
 from v3studio.gui.models.playback.player import PlayerPresenter
 from v3studio.gui.models.take.exports import (
@@ -22,12 +23,16 @@ from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.form import Form
+from v3studio.gui.widgets.picture import color
 from v3studio.pipelines.export import DEFAULT_OF
 from v3studio.pipelines.reports.evaluation import update_marks
 from v3studio.pipelines.reports.images import write_image
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats import EXPORTS
 from v3studio.studio.formats.usd import usd
+
+OPTIONS = "Seconds and background apply to movies, size to movies and plates."
+NO_USD = "USD needs usd-core, which is missing: pip install 'usd-core>=26.3'"
 
 
 class OutputActions:
@@ -116,8 +121,11 @@ class OutputActions:
         """Ask for format, frames, source, a movie's options and the path. `error`: why the export was refused."""
         dialogs = self._dialogs
         form = Form(dialogs, request)
+        options = dialogs.label(OPTIONS)
 
         def changed() -> None:
+            lacks = request.kind == "usd" and find_spec("pxr") is None
+            options.text, options.text_color = (NO_USD, color(BAD)) if lacks else (OPTIONS, color(DIM))
             form.widgets["line"].text_value = request.target
             form.widgets["frames"].enabled = request.kind not in WHOLE
             form.widgets["seconds"].enabled = request.kind == "turntable"
@@ -156,9 +164,7 @@ class OutputActions:
         elif sources:
             stale = ", without the latest changes" if self._stale else ""
             source = f"decoded: as played from the stream{stale}.\ntrained: before baking, with all edits."
-        options = "Seconds and background apply to movies, size to movies and plates."
-        words = (source, options, "Existing files are not overwritten.")
-        parts = [form.grid, *map(dialogs.label, words)]
+        parts = [form.grid, dialogs.label(source), options, dialogs.label("Existing files are not overwritten.")]
         form.show("export", "Export", parts, ("save", "Export", start), 90, error, "line")
 
     def report(self) -> None:

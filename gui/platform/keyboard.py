@@ -41,6 +41,15 @@ def type_keys(keys: Sequence[tuple[int, bool]]) -> None:
     _send([(code, down, shift) for code, shift in keys for down in (True, False)])
 
 
+def type_text(text: str) -> bool:
+    """Type a text in this process's window; returns whether the keyboard has keys for all of it."""
+    with closing(XDisplay()) as server:
+        keys = server.keys_of(text)
+    if keys:
+        type_keys(keys)
+    return keys is not None
+
+
 def _send(keys: Sequence[tuple[int, bool, bool] | None]) -> None:
     """Send key events: (X key code, whether it is pressed, whether Shift is held), or None to draw the window."""
     with closing(XDisplay()) as server:

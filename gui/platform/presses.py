@@ -4,6 +4,7 @@ The toolkit's key events have no modifiers. It keeps a press of Escape to itself
 busy machine has been seen to report one press twice, which would jump over two groups instead of one.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from open3d.visualization import gui
@@ -101,6 +102,7 @@ class KeyReports:
 
     def __init__(self) -> None:
         self.dialog = False  # whether a dialog is open; the window sets it
+        self.kept: Callable[[Press], object] = lambda _press: None  # called with a press that a text field has kept
         self._tick = 0
         # presses passed on to the toolkit and not reported yet: tick, press, whether it is one of Escape in a dialog
         self._unheard: list[tuple[int, Press, bool]] = []
@@ -110,7 +112,7 @@ class KeyReports:
         """Note that the window has ticked."""
         self._tick += 1
         while self._unheard and self._tick >= self._unheard[0][0] + SETTLED:
-            del self._unheard[0]  # a text field kept it
+            self.kept(self._unheard.pop(0)[1])
 
     def press(self, press: Press) -> None:
         """Note a press, or a repeat of a key that is held, that is passed on to the toolkit."""
@@ -138,9 +140,10 @@ class KeyReports:
         for number, (_, press, _) in enumerate(self._unheard):
             if code in (None, press.code):
                 # a text field kept those before it; Escape in a dialog still has to close it
-                self._unheard[: number + 1] = [
-                    unheard for unheard in self._unheard[: number + 1] if unheard[2] and code != ESCAPE
-                ]
+                before = self._unheard[: number + 1]
+                self._unheard[: number + 1] = [unheard for unheard in before if unheard[2] and code != ESCAPE]
+                for _, kept, _ in before[:-1]:
+                    self.kept(kept)
                 return True, press
         return self._tick >= (self._last_escape if code == ESCAPE else self._last) + SETTLED, None
 

@@ -101,6 +101,18 @@ class XDisplay(Connection):
                 event.display, event.window, event.root = self._display, window, root
                 self._x.XSendEvent(self._display, window, int(mask != EXPOSURE_MASK), mask, ctypes.byref(event))
 
+    def keys_of(self, text: str) -> list[tuple[int, bool]] | None:
+        """X key code, and whether Shift is held, for each character; None if the keyboard has no key for one."""
+        keys = []
+        for character in text:
+            symbol = ord(character) if ord(character) < 256 else 0x01000000 + ord(character)
+            code = self._x.XKeysymToKeycode(self._display, symbol) if self._display else 0
+            symbols = [self._x.XKeycodeToKeysym(self._display, code, shift) for shift in (0, 1)] if code else []
+            if symbol not in symbols:
+                return None
+            keys.append((code, symbols.index(symbol) == 1))
+        return keys
+
     @property
     def screen(self) -> tuple[int, int, str] | None:
         """Width and height of the screen, pixels, and the X resources; None without X."""

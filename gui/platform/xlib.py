@@ -39,6 +39,8 @@ _TYPES: dict[str, tuple[Any, ...]] = {
     "XSelectInput": (_INT, _POINTER, _NUMBER, _LONG),
     "XNextEvent": (_INT, _POINTER, _POINTER),
     "XSendEvent": (_INT, _POINTER, _NUMBER, _INT, _LONG, _POINTER),
+    "XKeysymToKeycode": (ctypes.c_ubyte, _POINTER, _NUMBER),
+    "XKeycodeToKeysym": (_NUMBER, _POINTER, ctypes.c_ubyte, _INT),
     "XLookupKeysym": (_NUMBER, _POINTER, _INT),
     "XkbSetDetectableAutoRepeat": (_INT, _POINTER, _INT, _POINTER),
     "XSetSelectionOwner": (_INT, _POINTER, _NUMBER, _NUMBER, _NUMBER),

@@ -128,6 +128,16 @@ def initialized(window: RunningWindow) -> np.ndarray:
     return pixels[-1]
 
 
+def test_a_text_field_takes_what_another_program_has_copied(window: RunningWindow, clipboard: Clipboard) -> None:
+    window.menu("File", "new", until=("the dialog", lambda s: s["dialog"] == "new take" and s["typing"]))
+    path = "/Takes/A b_1 (x).mp4"
+    assert clipboard.copy(path)
+    window.chord("v")
+    window.wait_for(
+        "the path", lambda s: clipboard.poll() is None and s["texts"].get("dialog footage", "").endswith(path)
+    )
+
+
 def test_nothing_of_a_take_is_left_in_the_next_one(window: RunningWindow, clipboard: Clipboard, take: Path) -> None:
     other = Path(shutil.copytree(take, take.with_name("other")))
     lay_down(other / "calibrate" / "rig.json")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from open3d.visualization import gui
 
-from v3studio.gui.drawing.canvas import text_width, wrapped
+from v3studio.gui.drawing.canvas import wrapped
 from v3studio.gui.drawing.footage_sheet import FootageSheet
 from v3studio.gui.drawing.palette import BAD, DIM
 from v3studio.gui.models.loop import LOOP
@@ -67,13 +67,9 @@ class NewTakeDialog:
         fields["frames"].tooltip = "First and last frame, such as 60 to 83"
         lists = self._lists
         lists["preset"].tooltip = PRESET
-        sound, preset = gui.Vert(), gui.Vert()
-        for place, attribute in ((sound, "audio"), (preset, "preset")):
-            place.preferred_width = 10 * em  # of "as in the settings": a list keeps its width with wider items
-            place.add_child(lists[attribute])
-        self._row(form, ("Footage files", lists["images"]), ("Camera file", lists["rig"]))
-        self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Sound", sound))
-        self._row(form, ("Frame rate (fps)", fields["fps"]), ("Frames", fields["frames"]), ("Preset", preset))
+        self._row(form, ("Footage files", lists["images"]), ("Camera file", lists["rig"]), ("Sound", lists["audio"]))
+        self._row(form, ("Mask files", lists["masks"]), ("Clean plates", lists["plates"]), ("Preset", lists["preset"]))
+        self._row(form, ("Frame rate (fps)", fields["fps"]), ("Frames", fields["frames"]))
         fields["take"] = form.widgets["take"]
         self._picture = ImagePanel(self._on_mouse, self._images)
         self._text = dialogs.label("")
@@ -96,14 +92,16 @@ class NewTakeDialog:
             self._look()
 
     def _row(self, form: Form, first: tuple[str, gui.Widget], *others: tuple[str, gui.Widget]) -> None:
-        """A row with labeled fields."""
+        """A row with labeled fields, in columns of the same width in all rows."""
         em = self._dialogs.em
         row = gui.Horiz(round(0.6 * em))
-        row.add_child(first[1])
-        for label, field in others:
-            words = label.replace(" ", "\u00a0")  # the row would break it at spaces
-            row.add_child(lowered(self._dialogs.label(words), room=text_width(label, round(em)) + em))
-            row.add_child(field)
+        for (label, field), room in zip((first, *others), (0.0, 6.5, 4.0), strict=False):
+            if room:  # the first label is that of the row, which would break others at spaces
+                row.add_child(lowered(self._dialogs.label(label.replace(" ", "\u00a0")), room=room * em))
+            column = gui.Vert()
+            column.preferred_width = 10 * em  # of "as in the settings": a list keeps its width with wider items
+            column.add_child(field)
+            row.add_child(column)
         form.add(first[0], first[0], row)
 
     def _field(self, attribute: str) -> gui.TextEdit:
