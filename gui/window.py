@@ -175,7 +175,7 @@ class MainWindow:
         dialogs, notices, preferences, panels = self.dialogs, self.notices, self.preferences, self.panels
         thumbnails, quality, changed = self._thumbnails, self._quality, self.changed
         self._opening = Opening(player, workspace, views, preferences, notices)
-        self._settings = SettingRequests(workspace, panels.stages, dialogs, notices)
+        self._settings = SettingRequests(workspace, panels.stages, self.views, dialogs, notices)
         self._screen = StartScreen(
             panels.start, self.layout, player, workspace, preferences, notices, self.open,
             lambda key: self.actions.act(ITEMS[key]), changed,

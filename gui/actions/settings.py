@@ -8,6 +8,7 @@ from v3studio.gui.models.take.remedies import Fix
 from v3studio.gui.models.take.setting_words import FOLDERS
 from v3studio.gui.models.take.settings import SettingField, place_of
 from v3studio.gui.models.take.workspace import Workspace
+from v3studio.gui.pages.stage_views import StageViews
 from v3studio.gui.widgets.dialogs.base import Dialogs
 from v3studio.gui.widgets.dialogs.folder import ask_path
 from v3studio.gui.widgets.stages import StagesPanel
@@ -16,8 +17,11 @@ from v3studio.gui.widgets.stages import StagesPanel
 class SettingRequests:
     """Changes settings, and shows them in the left panel."""
 
-    def __init__(self, workspace: Workspace, panel: StagesPanel, dialogs: Dialogs, notices: Notices) -> None:
+    def __init__(
+        self, workspace: Workspace, panel: StagesPanel, views: StageViews, dialogs: Dialogs, notices: Notices
+    ) -> None:
         self._workspace, self._panel, self._dialogs, self._notices = workspace, panel, dialogs, notices
+        self._views = views
 
     def pick(self, field: SettingField) -> None:
         """Choose the file or the folder of a setting in a dialog."""
@@ -28,7 +32,11 @@ class SettingRequests:
         ask_path(self._dialogs, title, place_of(field, config), kind, partial(self._panel.set_text, field))
 
     def apply_fix(self, fix: Fix) -> None:
-        """Set the setting that fixes a warning, or show it where people must choose the value."""
+        """Set the setting that fixes a warning, or show what people must look at: it, or a mask."""
+        if fix.camera:
+            self._views.select("capture")
+            self._views.capture.wanted.emit(fix.camera, fix.frame)
+            return
         with self._notices.reporting("setting"):
             if fix.sets and not fix.done:
                 self._workspace.change_settings({fix.setting: fix.value})

@@ -195,7 +195,7 @@ class InspectorPanel:
                 self._changed()
             return fix is not None
         if event.type == kind.MOVE:
-            tooltip = "" if fix is None else TOOLTIPS[fix.sets and not fix.done]
+            tooltip = "" if fix is None or fix.camera else TOOLTIPS[fix.sets and not fix.done]
             if y < self.view.top:
                 tooltip = "" if on_filter else EDGE_TOOLTIPS[self.large]
             self.log.widget.tooltip = tooltip

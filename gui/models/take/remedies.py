@@ -10,6 +10,7 @@ from v3studio.gui.models.take.page_words import setting_words
 from v3studio.gui.models.take.settings import setting_value, stage_of
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.events import Notice
+from v3studio.studio.json_types import JsonData
 from v3studio.studio.masks.sources import SOURCES
 from v3studio.studio.yaml_text import inline_yaml
 
@@ -38,20 +39,28 @@ REMEDIES: Mapping[str, str] = {  # the setting that fixes a warning, by its code
 _SUGGESTED = {"footage.few_frames": "frames", "masks.contradiction": "suggested", "training.slow": "suggested"}
 """The field of a warning that has the setting's value, by its code."""
 
+_OF_MASKS = ("evaluation.masks_contradicted", "hull.mask_mismatch", "hull.outlier_mask")
+"""Warnings about the masks of cameras, which one has to see."""
+
 _DETECTED = {source.name for source in SOURCES if source.detects}
 
 
 @dataclass(frozen=True)
 class Fix:
-    """A button below a warning in the log: sets a setting, or shows it. `done`: it has this value already."""
+    """A button below a warning in the log: sets a setting, or shows it, or the mask of a camera in a frame, by its
+    number. `done`: it has this value already."""
 
     setting: str
     value: JsonValue = None
     sets: bool = False
     done: bool = False
+    camera: str = ""
+    frame: int = -1  # -1: the one on screen
 
     @property
     def words(self) -> str:
+        if self.camera:
+            return f"Show {self.camera}" + (f", frame {self.frame}" if self.frame >= 0 else "")
         if self.done:
             return f"{setting_words(self.setting)} is {inline_yaml(self.value)} now"
         shown = setting_words(self.setting)
@@ -69,6 +78,14 @@ def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
         return None
     value = "none" if notice.code == "coverage.gaps" else notice.fields.get(_SUGGESTED.get(notice.code, ""))
     if value is None:
-        return Fix(setting)
+        fields = notice.fields if notice.code in _OF_MASKS else {}
+        camera, frame = _first(fields, "camera"), _first(fields, "frame")
+        return Fix(setting, camera=str(camera or ""), frame=frame if camera and isinstance(frame, int) else -1)
     known = cast(JsonValue, value)
     return Fix(setting, known, sets=True, done=setting_value(config, setting) == known)
+
+
+def _first(fields: Mapping[str, JsonData], kind: str) -> JsonData:
+    """The camera or frame that a warning names, or the first of several."""
+    several = fields.get(f"{kind}s")
+    return fields.get(kind) if kind in fields else several[0] if isinstance(several, list) and several else None

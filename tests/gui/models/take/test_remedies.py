@@ -121,6 +121,15 @@ def test_the_value_of_a_warning_is_valid(
     assert again.words == f"{setting_words(setting)} is {inline_yaml(value)} now"
 
 
+def test_a_warning_about_masks_leads_to_the_mask(footage_project: Path) -> None:
+    config = load_config(footage_project / "ball.yaml", [])
+    several = Warned(code="evaluation.masks_contradicted", fields={"cameras": ["cam1", "cam2"], "frames": [3, 4]})
+    fixes = [
+        fix_of(warning, config) for warning in (Warned(code="hull.outlier_mask", fields={"camera": "cam2"}), several)
+    ]
+    assert [fix and (fix.camera, fix.frame) for fix in fixes] == [("cam2", -1), ("cam1", 3)]
+
+
 def test_the_same_warning_about_several_cameras_is_one_line() -> None:
     run = RunState()
     for code, text, camera, group in (
