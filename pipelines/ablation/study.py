@@ -133,8 +133,9 @@ def _measure(
 
 
 def share(source: Take, target: Take) -> None:
-    """Copy cameras, initial points and keyframes to a take without them; the runner checks whether they are valid."""
-    for name in ("calibrate", "initialize"):
+    """Copy cameras, initial points, the set and keyframes to a take without them; the runner checks whether they are
+    valid."""
+    for name in ("calibrate", "initialize", "set"):
         if (source.root / name).is_dir() and not (target.root / name).exists():
             shutil.copytree(source.root / name, target.root / name)
             record = source.record(name)
