@@ -29,10 +29,13 @@ STAGE = stage_named("set")
 
 
 def params(inputs: Inputs) -> Params:
-    """The footage with its masks, and the settings of the set."""
+    """The footage with its masks, the settings of the set, and how many frames an estimate has: a take that gets longer
+    keeps its set, which all of its frames were trained before."""
+    from v3studio.studio.footage.empty_set import MOST_FRAMES
+
     return {
         "footage": inputs.footage_digest,
-        "frames": list(inputs.raw_footage.frames),
+        "frames": min(len(inputs.raw_footage.frames), MOST_FRAMES),
         **settings_affecting(inputs.config, "training_views", "set"),
     }
 

@@ -17,7 +17,7 @@ from v3studio.studio.masks.median_background import background_cache
 if TYPE_CHECKING:
     from v3studio.studio.footage.footage import Footage
 
-_FRAMES = 15  # most that an estimate reads
+MOST_FRAMES = 15  # that an estimate reads
 _FEWEST = 3  # fewer frames do not tell the set from the performer
 _LOOKED_AT = 3  # cameras whose set may be plain
 _PLAIN, _MOSTLY = 12.0, 0.95  # levels of 255 around one color, and the share of pixels that have it
@@ -42,7 +42,7 @@ class EmptySets:
         footage = self._footage
         plate = footage.plate(camera)
         if plate is None and len(footage.frames) >= _FEWEST:
-            views = [footage.view(camera, frame) for frame in evenly_spaced(footage.frames, _FRAMES)]
+            views = [footage.view(camera, frame) for frame in evenly_spaced(footage.frames, MOST_FRAMES)]
             plate = outside([view.image for view in views], [view.mask for view in views])
         if plate is None or (plate.shape[2] == 4 and not plate[..., 3].any()):
             return np.zeros((0, 0, 3), np.uint8)
