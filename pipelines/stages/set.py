@@ -41,7 +41,7 @@ def params(inputs: Inputs) -> Params:
 
 
 def results(inputs: Inputs) -> list[Path]:
-    """set/report.json, and the splats if there is a set."""
+    """set/set.json, and the splats if there is a set."""
     take = inputs.take
     there = take.set_report.is_file() and not read_model(take.set_report, SetReport).reason
     return [take.set_report, *([take.set_splats] if there else [])]
@@ -58,10 +58,12 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> S
 
     take, footage = inputs.take, inputs.calibrated_footage
     sets = EmptySets(footage)
+    reporter.progress(0.0, "looking for images of the set")
     reason = "capture.set is none" if inputs.config.capture.set == "none" else no_set(footage, sets)
     if not reason:
         return _train(inputs, sets, reporter, inputs.device if executor is None else "cpu")
     reporter.log(f"no set: {reason}")
+    reporter.check()  # before anything is replaced
     take.forget(STAGE.name)
     remove(take.set_splats)
     write_model(take.set_report, SetReport(reason=reason))

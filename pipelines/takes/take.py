@@ -56,7 +56,7 @@ class Take:
     rig_verdict = _At("initialize/verdict.json")  # whether cameras, images and masks agree
     motion = _At("initialize/motion.json")  # how far the performer moves, which decides where groups begin
     set_splats = _At("set/splats.safetensors")  # the set behind the performer, in the take's own frame; may be absent
-    set_report = _At("set/report.json")  # how well it shows the plates, or why there is no set
+    set_report = _At("set/set.json")  # how well it shows the plates, or why there is no set
     camera_colors = _At("train/camera_colors.json")  # color matrices of the cameras, with train.camera_colors
     refined_rig = _At("train/rig.json")  # the cameras that were refined while training, if they are used
     camera_refinement = _At("train/refinement.json")  # what refining the cameras changed; exists if it was tried

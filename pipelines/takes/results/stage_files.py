@@ -27,7 +27,7 @@ class InitialPointsReport(Result):
 
 
 class SetReport(Result):
-    """set/report.json."""
+    """set/set.json."""
 
     reason: str = ""  # why there is no set, a sentence; "" if there is one
     splats: int = 0
