@@ -139,6 +139,21 @@ def test_many_on_a_page(site: Site, baked: Baked, open_page: OpenPage) -> None:
     assert first.locator(".poster img").get_attribute("src").startswith("data:image/jpeg")
     page.evaluate("() => scrollTo(0, 0)")
     page.wait("player.state.ready && player.state.playing")
+    # One hint is enough.
+    assert page.handle.locator("v3-player .hint.shown").count() == 1
+
+
+def test_those_on_the_screen_are_drawn_before_those_near_it(site: Site, baked: Baked, open_page: OpenPage) -> None:
+    shutil.copytree(baked(splats=300), site.stream)
+    html = players("loop", 14).replace("height: 200px", "height: 200px; display: inline-block")
+    page = open_page(html=html, wait=False, size=(640, 700))
+    ready = """[...document.querySelectorAll('v3-player')].every(one => {
+      const {top, bottom} = one.getBoundingClientRect();
+      return top < 0 || bottom > innerHeight || one.state?.ready;
+    })"""
+    page.wait(ready)
+    page.evaluate("() => scrollTo(0, 230)")
+    page.wait(ready)
 
 
 def test_one_that_nobody_sees_stands_still(site: Site, baked: Baked, open_page: OpenPage) -> None:

@@ -6,6 +6,9 @@ import type { Words } from "./words.ts";
 const KEY = "v3-has-turned"; // in this browser, somebody has moved a view before
 const ALWAYS = 10_000; // milliseconds until the hint goes and comes with the controls
 
+/** The hint that a page with several players shows: one is enough. */
+let shown: HTMLElement | null = null;
+
 export class Hint {
   private timer = 0;
   private done = false;
@@ -16,7 +19,8 @@ export class Hint {
   /** Shows it if the view was never turned in this browser. `wheel`: whether the wheel zooms, rather than scrolls the page
    * around the player. */
   show(wheel: boolean, words: Words): void {
-    if (this.done || remembered(KEY) !== "") return;
+    if (this.done || remembered(KEY) !== "" || (shown !== null && shown !== this.element)) return;
+    shown = this.element;
     this.element.classList.add("shown");
     const fingers = matchMedia("(any-pointer: coarse)").matches;
     this.element.querySelector("b")!.textContent = words.drag;
@@ -35,5 +39,6 @@ export class Hint {
   hide(): void {
     clearTimeout(this.timer);
     this.element.classList.remove("shown");
+    if (shown === this.element) shown = null;
   }
 }
