@@ -71,7 +71,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
         reporter.log(line)  # what was found, in particular what auto chose
     for warning in plan.footage.warnings:
         reporter.warn(warning)
-    first = 0.3 if find_motion(plan, reporter.part("finding groups", 0.0, 0.3)) else 0.0
+    first = 0.3 if find_motion(plan, reporter.part("finding masks and groups", 0.0, 0.3)) else 0.0
     groups = plan.groups
     check_rig(plan, groups[0], reporter)
     if executor is not None:

@@ -6,7 +6,7 @@ from statistics import fmean
 
 import numpy as np
 
-from v3studio.gui.drawing.canvas import Canvas, line_height, wrapped
+from v3studio.gui.drawing.canvas import Canvas, line_height, text_width, wrapped
 from v3studio.gui.drawing.compare import What
 from v3studio.gui.drawing.palette import BAD, DIM, LINE, PANEL, TEXT, State
 from v3studio.gui.models.evaluation import DECODED, Evaluation
@@ -192,9 +192,10 @@ def _draw_blocks(canvas: Canvas, blocks: Sequence[Block], em: float, y: float) -
     for block in blocks:
         y = heading(canvas, y, block.title, em)
         for name, value in block.rows:
-            name_width = canvas.text(0.6 * em, y, name, size, DIM)
-            canvas.text(width - 0.6 * em, y, value, size, TEXT, align="right", width=width - name_width - 1.8 * em)
-            y += line_height(size)
+            names = wrapped(name, size, max(width - 1.8 * em - text_width(value, size), 0.4 * width)) or [name]
+            y = canvas.lines(0.6 * em, y, names, size, DIM)
+            room = width - text_width(names[-1], size) - 1.8 * em
+            canvas.text(width - 0.6 * em, y - line_height(size), value, size, TEXT, align="right", width=room)
         note = wrapped(block.note, size, width - 1.2 * em) if block.note else []
         y = canvas.lines(0.6 * em, y, note, size, BAD if block.bad else DIM) + 0.3 * em
     return y
