@@ -158,6 +158,7 @@ export const MESSAGES: Readonly<Record<string, readonly [german: string, japanes
   "The stream has format version {}; this player plays version {}.": ["Der Stream hat die Formatversion {}; dieser Player spielt Version {}.", "ストリームの形式はバージョン{}ですが、このプレーヤーはバージョン{}用です。"],
   "The stream plays without sound: {}": ["Der Stream läuft ohne Ton: {}", "音声なしで再生します: {}"],
   "This browser cannot play the stream's sound{}.": ["Dieser Browser kann den Ton des Streams nicht abspielen{}.", "このブラウザはストリームの音声を再生できません{}。"],
+  "This browser decodes the video inexactly, so that it cannot be shown; another one may play it ({}).": ["Dieser Browser dekodiert das Video ungenau, sodass es nicht gezeigt werden kann; ein anderer spielt es vielleicht ({}).", "このブラウザは動画を正確に復号できないため、表示できません。別のブラウザでは再生できる場合があります ({})。"],
   "This browser cannot play the video ({}).": ["Dieser Browser kann das Video nicht abspielen ({}).", "このブラウザは動画を再生できません ({})。"],
   "This browser does not support WebGL2, which the player requires.": ["Dieser Browser unterstützt WebGL2 nicht, das der Player braucht.", "このブラウザは、プレーヤーに必要なWebGL2に対応していません。"],
   "The link is damaged: ignored its {}.": ["Der Link ist beschädigt, verworfen: {}.", "リンクが破損しています。無視した部分: {}"],

@@ -246,7 +246,7 @@ export function checkedPictures(pictures: PictureSource, checks: readonly LumaCh
     const luma = await pictures.get(index);
     for (const check of checks)
       if (check.picture === index && crc32(luma.data) !== check.crc32)
-        throw new PathFailed(`${name}: this device decodes picture ${index} inexactly.`);
+        throw new PathFailed(`This browser decodes the video inexactly, so that it cannot be shown; another one may play it (${name}, picture ${index}).`);
     begun = true;
     return luma;
   };
