@@ -1,4 +1,4 @@
-"""The ground of a cast: a disk with soft contact shadows, as the page shows it (`web/engines/contact_shadow.ts`)."""
+"""The ground of a cast: a disk with soft contact shadows, as the page shows it (`web/src/cast/shadow.ts`)."""
 
 from __future__ import annotations
 

@@ -22,8 +22,6 @@ export class V3Performer extends SplatMesh {
   readonly playback: SplatPlayback;
   /** The dilation with which the shown splats were trained, square pixels: a SparkRenderer's `preBlurAmount`, without `blurAmount`. */
   dilation = 0.3;
-  /** Gets the splats of each frame that is shown; their arrays are valid during the call only. */
-  onsplats: ((splats: Splats) => void) | null = null;
 
   constructor(options: StreamOptions = {}) {
     super({ extSplats: new ExtSplats(), editable: false });
@@ -98,7 +96,6 @@ export class V3Performer extends SplatMesh {
     if (target.maxSplats === first.image.width * first.image.height * first.image.depth) first.needsUpdate = second.needsUpdate = true;
     else target.initialize({ extArrays: arrays, numSplats: count, extra: target.extra });
     this.updateVersion();
-    this.onsplats?.(splats);
   }
 
   private showHarmonics({ sh, count, shDegree }: Splats, { extra, maxSplats }: ExtSplats): void {

@@ -20,8 +20,8 @@ export const composed = (a: Placement, b: Placement): Placement =>
 
 /** The camera that sees what `pinhole` sees, in the coordinates of what is placed; depths are the world's. */
 const within = ({ rotation: r, translation: t, ...lens }: Pinhole, m: Placement): Pinhole => {
-  const rows = [0, 3, 6].map((k) => [0, 1, 2, 3].map((c) => r[k] * m[c] + r[k + 1] * m[c + 4] + r[k + 2] * m[c + 8] + (c === 3 ? t[k / 3] : 0)));
-  return { ...lens, rotation: rows.flatMap((row) => row.slice(0, 3)), translation: rows.map((row) => row[3]) as unknown as Vector };
+  const c = composed([0, 1, 2].flatMap((k) => [...r.slice(3 * k, 3 * k + 3), t[k]]), m);
+  return { ...lens, rotation: [0, 4, 8].flatMap((k) => c.slice(k, k + 3)), translation: [c[3], c[7], c[11]] };
 };
 
 /** A shadow or the whole ground: where its middle is, how far it reaches along its own x and z, and what it looks like. */
@@ -131,8 +131,9 @@ export class CastRenderer extends Renderer {
     ground.use();
     for (const { place, halves, color, pixels } of this.lying) {
       const { rotation: r, translation: t } = within(pinhole, place);
-      const rows = [0, 1, 2].map((k) => [r[3 * k], r[3 * k + 1], r[3 * k + 2], t[k]]);
-      const [x, y] = [0, 1].map((k) => rows[k].map((value, c) => (k === 0 ? (2 * fx * value) / width + ((2 * cx) / width - 1) * rows[2][c] : -(2 * fy * value) / height - ((2 * cy) / height - 1) * rows[2][c])));
+      const rows = [0, 1, 2].map((k) => [...r.slice(3 * k, 3 * k + 3), t[k]]);
+      const x = rows[0].map((value, c) => (2 * fx * value + (2 * cx - width) * rows[2][c]) / width);
+      const y = rows[1].map((value, c) => (-2 * fy * value - (2 * cy - height) * rows[2][c]) / height);
       gl.uniformMatrix4fv(ground.at("toImage"), true, [...x, ...y, 0, 0, 0, 0, ...rows[2]]);
       gl.uniform2f(ground.at("halves"), ...halves);
       gl.uniform4f(ground.at("color"), ...color);
