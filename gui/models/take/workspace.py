@@ -38,7 +38,7 @@ from v3studio.studio.settings import OVERRIDES
 LOOK_EVERY = 0.5  # seconds between two scans of the take's folder
 ASSESS_EVERY = 30.0  # seconds after which the stages are reassessed even without a visible change
 
-NOT_JUDGED = "Nothing has judged the masks yet: look at them. With 8 cameras, Check compares them after Calibrate."
+NOT_JUDGED = "Nothing has judged the masks yet: look at them, and press Check."
 
 KILLED = "The run was killed or crashed. Run again to continue."
 

@@ -164,7 +164,8 @@ class CaptureView(StageView):
         below = self._small + 8  # of the names
         cells = boxes((canvas.width, round(height)), len(names), wide / high, below)
         for number, (name, box) in enumerate(zip(names, cells, strict=True), start=1):
-            self._at = f"camera {number} of {len(names)}"
+            together = opened.votes and number == 1  # then those of all cameras are found
+            self._at = "all cameras together" if together else f"camera {number} of {len(names)}"
             x, y, width, room = box.x, box.y, box.width, box.height - below
             held_out = name in footage.held_out_cameras
             if not draws:  # then clicks are corners
@@ -278,6 +279,8 @@ class _Reduced:
 
     def __init__(self, footage: Footage, calibrated: bool) -> None:
         self.footage, self.calibrated = footage, calibrated
+        source = footage.mask_source
+        self.votes = isinstance(source, AgreedMaskSource) and source.votes  # whether the cameras vote
         self._kept = image_cache(KEPT_BYTES)
 
     def image(self, camera: str, frame: int, widest: int) -> np.ndarray:
@@ -291,15 +294,14 @@ class _Reduced:
     def evidence(self, camera: str, frame: int) -> np.ndarray:
         """(h, w) float32 in 0..1, what the camera alone takes for the performer; without a vote, its mask."""
         source = self.footage.mask_source
-        if not isinstance(source, AgreedMaskSource) or not source.votes:
+        if not self.votes or not isinstance(source, AgreedMaskSource):
             return self.mask(camera, frame, WIDE) / np.float32(255)
         key = ("evidence", camera, frame)
         return self._kept.get_or_make(key, lambda _: (1 / (1 + np.exp(-source.evidence(camera, frame))),))[0]
 
     def own_share(self, camera: str, frame: int) -> str:
         """An addition to the camera's name: IoU of its own mask with the agreed one; "" without a vote."""
-        source = self.footage.mask_source
-        if not isinstance(source, AgreedMaskSource) or not source.votes:
+        if not self.votes:
             return ""
         own = self.evidence(camera, frame) > 0.5
         agreed = cv2.resize(self.mask(camera, frame, WIDE), own.shape[::-1], interpolation=cv2.INTER_AREA) > 127
