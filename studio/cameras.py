@@ -475,6 +475,7 @@ class FootageView:
         frame: frame number.
         plate: image of the empty set, (H, W, 3) uint8 RGB, or (H, W, 4) if the fourth channel is 0 where it is not
             reliable; None if it is not known.
+        doubted: (H, W) bool, where the difference from the plate contradicts the mask; None: nowhere.
     """
 
     camera: Camera
@@ -482,6 +483,7 @@ class FootageView:
     mask: np.ndarray
     frame: int = 0
     plate: np.ndarray | None = None
+    doubted: np.ndarray | None = None
 
     __repr__ = short_repr
 

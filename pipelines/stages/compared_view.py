@@ -53,7 +53,8 @@ def compared_view(inputs: Inputs, camera: str, frame: int, uncut: bool = False) 
     plate = scene = None
     if uncut and crop is None and not inputs.edits.regions:
         scene = inputs.scene
-        plate = inputs.sets.plate(camera) if masked else _rendered(scene, place)
+        plate = inputs.sets.plate(camera) if masked else None
+        plate = _rendered(scene, place) if plate is None else plate
     back = None if plate is None else behind(image, mask, plate, inputs.capture, scene)
     whole = (slice(0, view.height), slice(0, view.width))
     return ComparedView(place, image, mask, box or whole, settings.evaluate.background, inputs.device, back)

@@ -102,6 +102,17 @@ def difference_odds(image: np.ndarray, plate: np.ndarray, settings: DifferenceSe
     return odds if known is None else np.where(known, odds, np.float32(0))
 
 
+def doubted(image: np.ndarray, mask: np.ndarray, plate: np.ndarray, settings: DifferenceSettings) -> np.ndarray:
+    """Return where an image (H, W, 3) uint8 contradicts its mask (H, W) uint8 by its difference from the set (`plate`,
+    as in `FootageView`), (H, W) bool: what differs as the performer does and touches the mask, but is outside of it;
+    and what equals the set inside. Of clothes in the color of the set, too, so this is doubt, not proof."""
+    import cv2
+
+    odds, ours = difference_odds(image, plate, settings), reduced(mask, _SIDE) > 127
+    area = _touching(_opened((odds > _DIFFERENT) & ~ours), ours) | _opened((odds < _EQUAL) & ours)
+    return cv2.resize(area.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+
+
 def behind(
     image: np.ndarray,
     mask: np.ndarray,

@@ -128,7 +128,9 @@ class Stepper:
             loss = loss + detail_loss(image, target, box, self._settings.dssim_weight, parts)
         if self._settings.alpha_weight:
             off = (render.alpha - view.mask).abs()
-            loss = loss + self._settings.alpha_weight * (off if view.hidden is None else off * ~view.hidden).mean()
+            for unknown in (view.hidden, view.doubted):
+                off = off if unknown is None else off * ~unknown
+            loss = loss + self._settings.alpha_weight * off.mean()
         return Step(loss, target, view, image)
 
     def _compared(self, render: Render, view: TrainingView, target: Tensor, behind: Tensor) -> tuple[Tensor, Tensor]:

@@ -44,9 +44,11 @@ class TrainingView:
             and tolerates small mask errors. (H, W, 4): estimated from the footage, reliable where the fourth channel is
             1. Elsewhere, and inside the performer, where it may show the performer, the mask cuts out the footage.
         chroma: chroma grid of `image`; None: no subsampling.
+        doubted: (H, W) bool, where the footage contradicts the mask. The mask has no say there: the footage is compared
+            with splats over the plate, without which nothing is doubted.
 
     Attributes:
-        camera, chroma: as above.
+        camera, chroma, doubted: as above.
         color: (3, 4) matrix from the splats' colors to those of this camera; None: they are the same. See
             `studio.color_fit.correct_color`.
         details: parts of the performer that count more in this frame; the same in all of its views.
@@ -62,15 +64,16 @@ class TrainingView:
         mask: Tensor,
         plate: Tensor | None = None,
         chroma: ChromaSampling | None = None,
+        doubted: Tensor | None = None,
     ) -> None:
-        self.camera, self.chroma = camera, chroma
+        self.camera, self.chroma, self.doubted = camera, chroma, None if plate is None else doubted
         self.color: Tensor | None = None
         self.hidden: Tensor | None = None
         self.details: tuple[Detail, ...] = ()
         self.detail_boxes: tuple[DetailBox, ...] = ()
         self.closer: tuple[TrainingView | None, ...] = ()
         self._image, self._mask, self._plate = image, mask, plate
-        self._compared = None if plate is None else _compared(_floats(mask), plate)
+        self._compared = None if plate is None else _compared(_floats(mask), plate, self.doubted)
         self._cached: tuple[Tensor, Tensor, Tensor | None, Tensor] | None = None
         if mask.numel() <= CACHED_PIXELS:
             self._mask, self._cached = _floats(mask), self._parts()
@@ -124,8 +127,9 @@ class TrainingView:
             StudioError: `mask.empty`: the mask does not contain any performer pixels.
         """
         camera, image, mask, plate = view.camera, view.image, view.mask, view.plate if use_plate else None
+        doubted = view.doubted
         if box is None and crop_margin is not None:
-            box = mask_box(mask, crop_margin, camera.name)
+            box = mask_box(mask if doubted is None else np.where(doubted, 255, mask), crop_margin, camera.name)
         if box is not None:
             left, top, width, height = box
             camera = camera.cropped(left, top, width, height)
@@ -133,12 +137,16 @@ class TrainingView:
             image = image[top : top + height, left : left + width]
             mask = mask[top : top + height, left : left + width]
             plate = None if plate is None else plate[top : top + height, left : left + width]
+            doubted = None if doubted is None else doubted[top : top + height, left : left + width]
 
         def tensor(image: np.ndarray) -> Tensor:
             # copy: a NumPy view of the crop would keep the full image in memory
             return torch.from_numpy(np.array(image, dtype=np.uint8, order="C")).to(device)
 
-        return cls(camera, tensor(image), tensor(mask), None if plate is None else tensor(plate), chroma)
+        return cls(
+            camera, tensor(image), tensor(mask), None if plate is None else tensor(plate), chroma,
+            None if doubted is None else tensor(doubted) > 0,
+        )  # fmt: skip
 
     def _with(self, **changes: Any) -> TrainingView:
         view = copy.copy(self)
@@ -261,14 +269,18 @@ def _grown(mask: Tensor, reach: int) -> Tensor:
     return grown[0, 0]
 
 
-def _compared(mask: Tensor, plate: Tensor) -> Tensor:
+def _compared(mask: Tensor, plate: Tensor, doubted: Tensor | None) -> Tensor:
     """(H, W) uint8, 1 where footage is compared with splats over the plate: see `TrainingView`."""
     inside = mask > 0.5
     extent = max(int(inside.any(0).sum()), int(inside.any(1).sum()))
     reach = max(4, round(0.02 * extent))  # around the performer: 2% of their size, at least 4 pixels
     near = _grown(mask, reach)
     if plate.shape[-1] == 4:
-        near = near * _grown(1 - mask, reach) * (_floats(plate[..., 3]) > 0.5)
+        near = near * _grown(1 - mask, reach)
+    if doubted is not None:
+        near = torch.maximum(near, doubted.to(near))
+    if plate.shape[-1] == 4:
+        near = near * (_floats(plate[..., 3]) > 0.5)
     return near.to(torch.uint8)
 
 

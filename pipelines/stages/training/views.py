@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from v3studio.pipelines.stages.inputs import Inputs
+    from v3studio.pipelines.stages.training.seen_sets import SeenSets
     from v3studio.studio.edits import CropBox
     from v3studio.studio.footage import Footage, FootageView
     from v3studio.studio.training import TrainingView
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class ViewReader:
     """Reads training views. `scale`: that of the footage; `box`: masks end outside of it; `edits`: their details are
-    marked; `colors`: a (3, 4) float64 matrix by camera. A camera without one is not corrected."""
+    marked; `colors`: a (3, 4) float64 matrix by camera. A camera without one is not corrected. `sets`: with splats of
+    the set, what each camera sees of it, which masks are doubted by."""
 
     footage: Footage
     settings: TrainSettings
@@ -39,12 +41,15 @@ class ViewReader:
     box: CropBox | None
     edits: EditList
     colors: Mapping[str, Tensor]
+    sets: SeenSets | None = None
 
     @classmethod
     def of(cls, inputs: Inputs, *, before_fits: bool = False, colored: bool = True) -> ViewReader:
         """The reader of a take's views. `before_fits`: with the cameras as calibrated, and without details, as those
         see the footage that are fitted to the cameras; `colored`: with the colors of the cameras, if they have any.
         StudioError if the colors are not there."""
+        from v3studio.pipelines.stages.training.seen_sets import SeenSets
+
         colored = colored and inputs.config.train.camera_colors is not None
         return cls(
             footage=inputs.calibrated_footage if before_fits else inputs.trained_footage,
@@ -54,6 +59,7 @@ class ViewReader:
             box=inputs.training_box,
             edits=EditList() if before_fits else inputs.edits,
             colors=read_camera_colors(inputs.take.camera_colors) if colored else {},
+            sets=SeenSets.of(inputs) if inputs.config.train.use_plates else None,
         )
 
     def views(
@@ -110,6 +116,8 @@ class ViewReader:
         view = within_box(footage.view(camera, frame), self.box)
         if not (view.mask > 127).any():
             return None
+        if self.sets is not None:
+            view = self.sets.doubting(view)
         sampling = settings.chroma_siting != "none"
         chroma = footage.chroma(camera) if sampling else None
         seen = TrainingView.from_view(view, self.device, settings.crop_margin, settings.use_plates, chroma)

@@ -9,6 +9,7 @@ from tests.studio.masks.scenes import USUAL, ball, filmed, over
 from tests.support.rigs import ring
 from v3studio.studio.cameras import FootageView
 from v3studio.studio.comparison import CheckedView, MaskContradiction, behind, contradicting_masks
+from v3studio.studio.comparison.contradictions import doubted
 from v3studio.studio.footage.empty_set import filled, outside
 
 RIG = ring(8, radius=3.0, heights=(0.0, 1.0))
@@ -51,6 +52,22 @@ def without_band(mask: np.ndarray) -> np.ndarray:
     cut = mask.copy()
     cut[rows[0] + 2 * len(rows) // 5 : rows[0] + 3 * len(rows) // 5] = False
     return cut
+
+
+def test_a_view_doubts_what_its_mask_lacks_and_has_too_much() -> None:
+    name = RIG.names[0]
+    truth, room = exact()[0][name], plate(RIG.names[0])
+    view = image(name, truth, 0)
+    assert doubted(view, truth * np.uint8(255), room, USUAL).sum() < 0.1 * truth.sum()
+    mask = without_band(truth)
+    band = truth & ~mask
+    rows, columns = np.nonzero(truth)
+    lamp = np.zeros_like(truth)
+    lamp[rows.min() - 12 : rows.min(), columns.min() : columns.max()] = True
+    found = doubted(view, (mask | lamp) * np.uint8(255), room, USUAL)
+    assert (found & band).sum() > 0.7 * band.sum()
+    assert (found & lamp).sum() > 0.7 * (lamp & ~truth).sum()
+    assert (found & truth & ~band).sum() < 0.1 * truth.sum()
 
 
 def test_what_all_masks_of_a_frame_lack_is_missing_there_only() -> None:

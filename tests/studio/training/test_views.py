@@ -1,5 +1,7 @@
 """Crops, compositing and clean plates of training views."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -135,3 +137,30 @@ def test_training_does_not_see_hidden_pixels() -> None:
     other = TrainingView.from_view(spoiled)
     assert torch.allclose(gradient(view), gradient(other.with_hidden(0)), atol=1e-7)
     assert not torch.allclose(gradient(view), gradient(other), atol=1e-4)
+
+
+@pytest.mark.parametrize("estimated", [False, True])
+def test_where_the_footage_contradicts_the_mask_it_has_no_say(estimated: bool) -> None:
+    """The mask lost the lower half of the rectangle, and has a part of the wall."""
+    whole = captured(True)
+    assert whole.plate is not None
+    plate = whole.plate if not estimated else np.dstack([whole.plate, np.full((SIZE, SIZE), 255, np.uint8)])
+    mask, doubted = whole.mask.copy(), np.zeros((SIZE, SIZE), bool)
+    mask[60:], mask[20:30, 20:30] = 0, 255
+    doubted[60:80, 50:70] = doubted[20:30, 20:30] = True
+    lost, kept = np.s_[66:76, 54:66], np.s_[22:28, 22:28]
+    view = TrainingView.from_view(replace(whole, mask=mask, plate=plate, doubted=doubted))
+    blind = TrainingView.from_view(replace(whole, mask=mask, plate=plate))
+    image, wall = torch.from_numpy(whole.image).float() / 255, torch.from_numpy(whole.plate).float() / 255
+    red = torch.tensor([1.0, 0.0, 0.0])
+    target, behind = view.over(red)
+    for part in (lost, kept):
+        torch.testing.assert_close(target[part], image[part])
+        torch.testing.assert_close(behind[part], wall[part])
+    assert bool((blind.over(red)[0][lost] == red).all()), "else the lost part has to be empty"
+    settings = TrainSettings(alpha_weight=100.0, dssim_weight=0.0)
+    empty = round_splats(torch.tensor([[0.0, 0.0, -9.0]]))  # behind the camera
+    losses = [float(Stepper([each], settings, torch.Generator().manual_seed(0))(empty).loss) for each in (view, blind)]
+    assert losses[1] - losses[0] > 100 * 90 / SIZE**2, "what it kept is not asked for"
+    small = TrainingView.from_view(replace(whole, mask=mask, plate=plate, doubted=doubted), crop_margin=0.0)
+    assert small.mask.shape == (60 + 32, 50 + 32), "crops have what may be lost"

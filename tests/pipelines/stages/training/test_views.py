@@ -5,17 +5,23 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import torch
 
 from tests.support.rigs import camera_at
+from tests.support.splats import round_splats
 from tests.support.tiny_capture import settings_in
 from v3studio.pipelines.config import Config
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.stages.training.plan import TrainPlan
 from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.authored.edits import change_edits
-from v3studio.pipelines.takes.frames.frame_files import read_about
+from v3studio.pipelines.takes.files.json_files import write_model
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_about, write_frame
+from v3studio.pipelines.takes.results.stage_files import SetReport
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits import DetailMark, EditList
+from v3studio.studio.footage import FootageView
 from v3studio.studio.training import TrainingView
 
 
@@ -60,7 +66,7 @@ def test_clean_plates_are_used_where_the_setting_says_so(use_plates: bool) -> No
     mask = np.zeros(shape, np.uint8)
     mask[10:20, 10:20] = 255
     plate = np.full((*shape, 3), 40, np.uint8)
-    view = SimpleNamespace(camera=camera, image=plate + 20, mask=mask, plate=plate)
+    view = FootageView(camera, plate + 20, mask, 0, plate)
     footage = SimpleNamespace(train_cameras=("cam0",), view=lambda name, frame: view, chroma=lambda name: None)
     config = Config.model_validate({"train": {"use_plates": use_plates}})
     reader = ViewReader(cast(Any, footage), config.train, "cpu", 1.0, None, EditList(), {})
@@ -79,3 +85,20 @@ def test_a_report_that_is_not_there_stops_training(take: Take, here: Callable[..
     away.rename(report)
     here("train", take.root).ok()
     assert read_about(frame).key == key  # type: ignore[union-attr]
+
+
+def test_with_a_set_all_cameras_are_seen_before_it_and_frames_are_trained_again(copied: Path) -> None:
+    take = Take.open(copied / "take")
+    cut_out, keys = views_of(copied), TrainPlan(Inputs(take, settings_in(copied))).keys
+    assert all(view.plate is None for view in cut_out)
+    group = Inputs(take, settings_in(copied)).groups[0]
+    before = keys(group)
+    wall = round_splats(torch.zeros(1, 3), log_scale=3.0, opacity=0.99)
+    write_frame(take.set_splats, wall, FrameMetadata())
+    write_model(take.set_report, SetReport(splats=1))
+    assert TrainPlan(Inputs(take, settings_in(copied))).keys(group) != before
+    for view in views_of(copied):
+        assert view.plate is not None
+        assert view.doubted is not None
+        assert view.doubted.shape == view.mask.shape
+    assert all(view.plate is None for view in views_of(copied, "train.use_plates=false"))
