@@ -37,11 +37,9 @@ from types import SimpleNamespace
 from typing import IO, Any
 
 _ROOT = Path(__file__).parents[2]
-_LIBRARIES = ("torch.optim", "cv2", "av", "open3d", "pymeshlab", "matplotlib.figure", "scipy.optimize")
-_LIBRARIES += ("rich.progress", "jinja2", "safetensors.torch")
+_LIBRARIES = ("torch.optim", "cv2", "av", "v3studio.gui", "open3d", "pymeshlab", "matplotlib.figure")
+_LIBRARIES += ("scipy.optimize", "rich.progress", "jinja2", "safetensors.torch")
 _PACKAGES = ("v3studio.studio", "v3studio.pipelines", "v3studio.gui")
-_OF_WINDOWS = ("open3d", "v3studio.gui")
-"""What a warm Python of a locale does without: it starts a dozen commands."""
 
 
 class WarmProcess:
@@ -198,7 +196,7 @@ def _start(address: str, locale: str | None) -> None:
         environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
         environment |= {"LC_ALL": locale, "LANG": locale} if locale else {}
         command = [sys.executable, "-m", "tests.support.warm_python", str(listener.fileno())]
-        command += _OF_WINDOWS if locale else ()
+        command += ["no window"] if locale else []
         _started.append(subprocess.Popen(command, pass_fds=[listener.fileno()], cwd=_ROOT, env=environment))
 
 
@@ -354,9 +352,8 @@ if __name__ == "__main__":
         lose_locks()
     gc.disable()
     for _name in _LIBRARIES:
-        if _name not in sys.argv:
-            import_module(_name)
-    for _package in (import_module(_name) for _name in _PACKAGES if _name not in sys.argv):
+        import_module(_name)
+    for _package in map(import_module, _PACKAGES[: 2 if "no window" in sys.argv else 3]):
         for _module in pkgutil.walk_packages(_package.__path__, f"{_package.__name__}."):
             if "triton" not in _module.name:  # tests choose how Triton is imported, if it is there
                 import_module(_module.name)
