@@ -13,6 +13,7 @@ from v3studio.pipelines.stages import Executor, stage_named
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.params import Params, derived_seed, key_of, settings_affecting
 from v3studio.pipelines.stages.reporter import StageReporter
+from v3studio.pipelines.takes.authored.edits import edit_params
 from v3studio.pipelines.takes.files.json_files import read_model, write_model
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_tensors, write_frame, write_tensors
 from v3studio.pipelines.takes.results.records import result_of
@@ -37,6 +38,7 @@ def params(inputs: Inputs) -> Params:
         "footage": inputs.footage_digest,
         "frames": min(len(inputs.raw_footage.frames), MOST_FRAMES),
         **settings_affecting(inputs.config, "training_views", "set"),
+        **edit_params(inputs.edits, "masks"),
     }
 
 

@@ -116,6 +116,7 @@ def test_a_click_on_a_mask_makes_training_stale_but_not_the_cameras(here: Here, 
     stages = states(here, take)
     assert stages["calibrate"]["state"] == "done"
     assert stages["initialize"]["reason"] == "the clicks on masks were set"
+    assert "the clicks on masks were set" in stages["set"]["reason"]
     assert stages["train"]["state"] != "done"
     here("edit", "undo", take).ok()
     np.testing.assert_array_equal(mask(), before)
