@@ -49,8 +49,9 @@ class Camera:
 
     Raises:
         StudioError: a matrix has the wrong shape (camera.wrong_shape), a value is not finite (camera.not_finite), the
-            image size (camera.image_size) or focal length (camera.focal_length) is not positive, the pose is not
-            rigid (camera.rotation), or the number of distortion coefficients is wrong (camera.distortion).
+            image size (camera.image_size) or focal length (camera.focal_length) is not positive, K is no matrix of
+            intrinsics (camera.intrinsics), the pose is not rigid (camera.rotation), or the number of distortion
+            coefficients is wrong (camera.distortion).
     """
 
     name: str
@@ -87,6 +88,12 @@ class Camera:
             raise camera_error("camera.image_size", self.name, problem, value=[self.width, self.height], fix=fix)
         if K[0, 0] <= 0 or K[1, 1] <= 0:
             raise focal_length_error(self.name, min(K[0, 0], K[1, 1]))
+        if np.abs(K[(1, 2, 2, 2), (0, 0, 1, 2)] - (0, 0, 0, 1)).max() > 1e-6:
+            problem = "K is not [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"
+            fix = "Correct it in the camera file."
+            if np.abs(K[(0, 0, 1, 2), (1, 2, 2, 2)] - (0, 0, 0, 1)).max() <= 1:  # pixel: its origin moved
+                fix = "It is transposed, as MATLAB writes it: transpose K, and R if it was written in the same way."
+            raise camera_error("camera.intrinsics", self.name, problem, value=K.tolist(), fix=fix)
         rotation = pose[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
             problem = "the rotation in world_to_camera is not orthonormal with determinant 1"

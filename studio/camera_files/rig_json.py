@@ -2,7 +2,7 @@
 
 rig.json: `{"format": "v3studio-rig", "version": 1, "cameras": [Camera.to_dict(), ...]}`; and `left_out`, the names of
 cameras without a pose, if there are any. cameras.json: `{"cameras": [{"name", "width", "height", "K", "R", "t",
-"distortion"}, ...]}`, x ~ K (R X + t). The pixel origin is the image corner.
+"distortion"}, ...]}` or only the list, x ~ K (R X + t). The pixel origin is the image corner.
 """
 
 import json
@@ -23,14 +23,17 @@ _CORNER = "Principal points are taken relative to the image corner."
 
 
 def matches(file: CameraFile) -> bool:
-    """Return whether a file has a list of cameras."""
+    """Return whether a file has a list of cameras, or is one."""
+    content = file.json
+    if isinstance(content, list):
+        return bool(content) and isinstance(content[0], dict) and {"name", "K"} <= content[0].keys()
     return isinstance(file.json_object.get("cameras"), list)
 
 
 def read(file: CameraFile) -> Rig:
     """Read the cameras. Raises StudioError: a version of V3 Studio's format that is not known
     (camera_file.wrong_version)."""
-    content = file.json_object
+    content = {"cameras": file.json} if isinstance(file.json, list) else file.json_object
     entries, notes = listed_cameras(content)
     rig = keyed_rig(file.path.parent, entries, KeyedForm(corner=True))
     if content.get("format") != FORMAT:

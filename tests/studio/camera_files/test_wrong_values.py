@@ -48,6 +48,16 @@ def test_every_number_in_turn_replaced_by_something_else(tmp_path: Path, name: s
     assert areas <= {"camera", "camera_file"}
 
 
+def test_transposed_intrinsics_are_refused_and_lists_are_read(tmp_path: Path) -> None:
+    camera = {"name": "a", "width": 160, "height": 120, "K": K.tolist(), "R": np.eye(3).tolist(), "t": [0, 0, 1]}
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps([camera, {**camera, "name": "b"}]))
+    assert [(each.name, each.fx, each.cx) for each in read_rig(path)] == [("a", 200.0, 81.0), ("b", 200.0, 81.0)]
+    path.write_text(json.dumps([{**camera, "K": K.T.tolist()}]))
+    with refuses("camera.intrinsics", camera="a"):
+        read_rig(path)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "code", "wrong", "index"),
     [
