@@ -23,6 +23,7 @@ from v3studio.studio.errors import StudioError
 _SWS_FLAGS = 0x4 | 0x2000 | 0x40000
 _MATRICES = {"bt601": 5, "bt709": 1}  # swscale's SWS_CS_ITU601 and SWS_CS_ITU709
 _TAGS = {1: "bt709", 2: "", 5: "bt601", 6: "bt601"}  # by FFmpeg's AVColorSpace
+_WIDE = {9: "BT.2020", 11: "DCI-P3", 12: "Display P3"}  # FFmpeg's AVCOL_PRI_BT2020, _SMPTE431 and _SMPTE432
 _HDR = {16: "PQ", 18: "HLG"}  # FFmpeg's AVCOL_TRC_SMPTE2084 and AVCOL_TRC_ARIB_STD_B67
 _SQUARE = 0.01
 _GAP = 0.5  # of an interval: by how much times may be off without a frame being missing
@@ -429,6 +430,8 @@ def _unusual(container: Any, stream: Any, frame: Any) -> Iterator[str]:
         yield f"pixels are {shape:.4g} times as wide as high: stretched from {frame.width}x{frame.height}"
     if int(frame.color_trc) in _HDR:
         yield f"the video is HDR ({_HDR[int(frame.color_trc)]}), and its values are read as sRGB"
+    elif int(frame.color_primaries) in _WIDE:
+        yield f"the video has the primaries of {_WIDE[int(frame.color_primaries)]}, and its values are read as sRGB"
 
 
 def _with_square_pixels(width: int, height: int, shape: float | Fraction | None) -> tuple[int, int]:
