@@ -23,6 +23,9 @@ LEAST_MATCHES = 20  # A pair with fewer verified matches is no evidence
 TOLERANCE = 0.003
 """Distance from the epipolar line that counts as a fit, as a fraction of the longer side: 2 pixels of 640."""
 
+_CLOSE = 1e-6  # of their distance from the origin: cameras that are nearer to each other are at one place, and have no
+# epipolar lines
+
 _Features: TypeAlias = tuple[np.ndarray, np.ndarray]  # pixels (F, 2), descriptors (F, 128)
 
 
@@ -140,7 +143,11 @@ def distances(cameras: Mapping[str, Camera], pairs: Iterable[PairMatches]) -> di
     for pair in pairs:
         first, second = cameras[pair.first], cameras[pair.second]
         longer = max(first.width, first.height, second.width, second.height)
-        off = _sampson(_fundamental(first, second), pair.first_pixels, pair.second_pixels)
+        apart = np.linalg.norm(first.center - second.center)
+        if apart <= _CLOSE * max(np.linalg.norm(first.center), np.linalg.norm(second.center)):
+            off = _turned(first, second, pair.first_pixels, pair.second_pixels)
+        else:
+            off = _sampson(_fundamental(first, second), pair.first_pixels, pair.second_pixels)
         by_pair[pair.first, pair.second] = off / longer
     return by_pair
 
@@ -150,6 +157,15 @@ def _fundamental(first: Camera, second: Camera) -> np.ndarray:
     motion = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
     cross = np.cross(np.eye(3), motion[:3, 3])
     return np.asarray(np.linalg.inv(second.K).T @ cross @ motion[:3, :3] @ np.linalg.inv(first.K))
+
+
+def _turned(first: Camera, second: Camera, pixels: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(M,) distances in pixels from where a camera that only turned sees the pixels of the first; far behind it."""
+    rays = np.c_[pixels, np.ones(len(pixels))] @ np.linalg.inv(first.K).T @ first.rotation @ second.rotation.T
+    there = rays @ second.K.T
+    ahead = there[:, 2] > 1e-9
+    there = there[:, :2] / np.where(ahead, there[:, 2], 1)[:, None]
+    return np.where(ahead, np.linalg.norm(there - others, axis=1), np.inf)
 
 
 def _sampson(fundamental: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

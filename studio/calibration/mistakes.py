@@ -33,6 +33,11 @@ class Mistake:
 def mistakes(names: list[str]) -> Iterator[Mistake]:
     """Mistakes without a number, the most common first."""
     yield from _poses()
+    for kind, words, change in (
+        ("transposed", "With the rotations transposed", lambda R, t: (R.T, t)),
+        ("center", "With t taken as the camera's place", lambda R, t: (R, -R @ t)),
+    ):
+        yield Mistake(kind, words, _CONVERT, partial(_moved, change=change))
     for step in (1, -1, 2, -2):
         if len(names) > abs(step) + 1:
             moved = dict(zip(names, names[step:] + names[:step], strict=True))
@@ -58,6 +63,15 @@ def scaled(cameras: Cameras, factor: float, *, whole: bool, names: Collection[st
 
 def _renamed(cameras: Cameras, names: Mapping[str, str]) -> dict[str, Camera]:
     return {name: replace(cameras[names.get(name, name)], name=name) for name in cameras}
+
+
+def _moved(
+    cameras: Cameras, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+) -> dict[str, Camera]:
+    return {
+        name: replace(camera, world_to_camera=np.c_[*change(camera.rotation, camera.translation)])
+        for name, camera in cameras.items()
+    }
 
 
 def _posed(cameras: Cameras, axes: np.ndarray, inverse: bool) -> dict[str, Camera]:

@@ -65,11 +65,12 @@ def test_a_correct_rig_is_good(rig: Cameras, pairs: list[PairMatches]) -> None:
         (lambda _, camera: posed(camera, np.linalg.inv), "camera-to-world,"),
         (lambda _, camera: posed(camera, lambda pose: FLIP @ pose), "OpenGL"),
         (lambda _, camera: posed(camera, lambda pose: np.linalg.inv(FLIP @ pose)), "camera-to-world with"),
+        (lambda _, camera: replace(camera, world_to_camera=np.c_[camera.rotation, np.zeros(3)]), "wrong"),
         (lambda _, camera: replace(camera, K=intrinsics(700.0, (640, 360))), "focal lengths"),
         (lambda _, camera: replace(camera, K=intrinsics(535.0, (640, 360))), "focal lengths 0.9"),
         (lambda n, camera: posed(camera, lambda pose: pose @ turned(40.0 * (n % 2))), "wrong"),
     ],
-    ids=["camera to world", "OpenGL", "both", "focal lengths", "focal lengths, a little", "folded"],
+    ids=["camera to world", "OpenGL", "both", "at one place", "focal lengths", "focal lengths, a little", "folded"],
 )
 def test_a_wrong_rig_is_called_wrong_for_its_reason(
     rig: Cameras, pairs: list[PairMatches], change: Callable[[int, Camera], Camera], words: str
