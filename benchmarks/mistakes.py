@@ -76,7 +76,17 @@ def late(images: Images, camera: str, step: int) -> Images:
 def thinned(images: Images, camera: str) -> Images:
     """One camera drops every fourth frame after the first third."""
     count = min(map(len, images.values()))
-    kept = [index + max(0, (index - count // 3 + 3) // 3) for index in range(count)]
+    return _kept(images, camera, [index + max(0, (index - count // 3 + 3) // 3) for index in range(count)])
+
+
+def interrupted(images: Images, camera: str) -> Images:
+    """One camera lacks a quarter of the frames, those after the first third."""
+    count = min(map(len, images.values()))
+    return _kept(images, camera, [index + (index > count // 3) * (count // 4) for index in range(count)])
+
+
+def _kept(images: Images, camera: str, kept: list[int]) -> Images:
+    count = min(map(len, images.values()))
     length = sum(index < count for index in kept)
     return {
         name: [stack[kept[index] if name == camera else index] for index in range(length)]
@@ -104,6 +114,11 @@ def mistakes(rig: dict[str, Camera], images: Images, masks: Images) -> Iterator[
     yield "none", "", Kept(rig, images, masks)
     yield "poses inverted", "inverted", Kept(posed(rig, np.linalg.inv), images, masks)
     yield "poses mirrored", "mirrored", Kept(posed(rig, lambda pose: MIRROR @ pose @ MIRROR), images, masks)
+    for what, cause, change in (
+        ("rotations transposed", "transposed", lambda pose: np.c_[pose[:3, :3].T, pose[:3, 3]]),
+        ("places as translations", "center", lambda pose: np.c_[pose[:3, :3], -pose[:3, :3].T @ pose[:3, 3]]),
+    ):
+        yield what, cause, Kept(posed(rig, change), images, masks)
     shifted = {name: replace(rig[other], name=name) for name, other in zip(names, names[1:] + names[:1], strict=True)}
     yield "names shifted by one", "names", Kept(shifted, images, masks)
     factor = np.diag([0.5, 0.5, 1])
@@ -118,6 +133,7 @@ def mistakes(rig: dict[str, Camera], images: Images, masks: Images) -> Iterator[
         yield f"every {step} frames, none", "", Kept(rig, late(images, "", step), late(masks, "", step))
         yield f"one camera 1/{step} frame late", "late", Kept(rig, late(images, one, step), late(masks, one, step))
     yield "one camera drops frames", "rate", Kept(rig, thinned(images, one), thinned(masks, one))
+    yield "one camera lacks frames", "rate", Kept(rig, interrupted(images, one), interrupted(masks, one))
     # as if it was coded with BT.709 and read with BT.601, the inverse of which undoes the opposite mistake
     change = DIFFERENCES["matrix"][1]
     other = [np.clip(change(image), 0, 255).round().astype(np.uint8) for image in images[one]]

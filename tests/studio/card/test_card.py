@@ -16,6 +16,8 @@ SIZE, FRAMES = (320, 240), 25
 NAMED = {
     "poses inverted": "inverted",
     "poses mirrored": "mirrored",
+    "rotations transposed": "transposed",
+    "places as translations": "center",
     "names shifted by one": "names",
     "K halved": "pixels",
     "masks off by one frame": "frames",
