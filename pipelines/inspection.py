@@ -89,13 +89,13 @@ def found_lines(footage: Footage) -> tuple[str, ...]:
 
 
 def with_camera_file(footage: Footage) -> Footage:
-    """Footage that was opened without cameras, opened again with those of its camera file; itself if there is none.
-    Raises StudioError: the file cannot be read, or does not fit it."""
+    """Footage that was opened without cameras, opened again with those of its camera file, and with each camera's own
+    masks, to check it; itself if there is no such file. Raises StudioError: the file cannot be read or does not fit."""
     path = camera_file(footage.spec)
     if path is None:
         return footage
     rig = rig_of_capture(path, footage)
-    return open_footage(footage.spec, rig, strict=False, without_masks=footage.without_masks)
+    return open_footage(footage.spec, rig, strict=False, without_masks=footage.without_masks, votes=False)
 
 
 def _beside(footage: Footage, folders: re.Pattern[str]) -> tuple[str, ...]:

@@ -62,23 +62,26 @@ def _check_footage(arguments: argparse.Namespace, folder: Path) -> int:
     from v3studio.pipelines.commands.common.source import read_settings
     from v3studio.pipelines.inspection import found_lines, with_camera_file
     from v3studio.pipelines.reports.images import write_image
-    from v3studio.studio.card import draw, measure
+    from v3studio.studio.card import Sample, draw, measure
     from v3studio.studio.footage import check_footage, open_footage
 
     capture, card = read_settings(folder).capture, None
     picture = arguments.card or Path(f"{folder.resolve().name}-card.png")
     with working("check", arguments) as report, closing(open_footage(capture, None, strict=False)) as footage:
-        problems = [str(problem) for problem in check_footage(footage, part_of(report, 0, 50))]
-        lines = list(found_lines(footage))
+        lines, refused, opened = list(found_lines(footage)), "", footage
         try:
-            with closing(with_camera_file(footage)) as calibrated:
-                if not problems:
-                    measured = measure(calibrated, part_of(report, 50, 100))
-                    write_image(picture, draw(measured))
-                    card = measured.card
+            opened = with_camera_file(footage)
         except StudioError as error:
-            problems.append(str(error))
-            lines = [line for line in lines if line != str(error)]
+            refused = str(error)
+            lines = [line for line in lines if line != refused]
+        with closing(opened):
+            sample = Sample(opened)
+            checked = check_footage(opened, part_of(report, 0, 80), see=sample.see)
+            problems = [*map(str, checked), *([refused] if refused else [])]
+            if not problems:
+                measured = measure(opened, part_of(report, 80, 100), sample)
+                write_image(picture, draw(measured))
+                card = measured.card
     arguments.result = {"footage": lines, "problems": problems, "card": card and card.model_dump(mode="json")}
     if not arguments.json:
         images = counted(len(footage.frames) * len(footage.camera_names), "image")

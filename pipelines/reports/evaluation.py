@@ -14,10 +14,11 @@ from v3studio.pipelines.reports.plots import plots
 from v3studio.pipelines.reports.tables import metric_texts
 from v3studio.pipelines.takes.authored.marks import read_marks
 from v3studio.pipelines.takes.files.digests import digest_of
+from v3studio.pipelines.takes.files.json_files import read_model
 from v3studio.pipelines.takes.frames.groups import Group
 from v3studio.pipelines.takes.results.evaluation import Evaluation, read_evaluation
 from v3studio.pipelines.takes.results.records import note_rewritten, read_record
-from v3studio.pipelines.takes.results.stage_files import read_cameras_report
+from v3studio.pipelines.takes.results.stage_files import StoredCard, read_cameras_report
 from v3studio.pipelines.takes.results.summaries import summary_words
 from v3studio.pipelines.takes.take import Take
 from v3studio.pipelines.version import program_version
@@ -55,8 +56,16 @@ def render_report(
         over_time=_over_time(take, groups, evaluation),
         calibration=_calibration(take),
         timings=_timings(take, stages),
+        card=_card(take),
         settings=config.model_dump(mode="json"),
     )
+
+
+def _card(take: Take) -> tuple[list[str], str] | None:
+    """The lines of the take's card, and its image as a data URI; None if it was not measured."""
+    if not (take.card.is_file() and take.card_picture.is_file()):
+        return None
+    return read_model(take.card, StoredCard).lines, _data_uri(take.card_picture.read_bytes())
 
 
 def _figures(evaluation: Evaluation) -> list[tuple[str, str]]:
@@ -133,7 +142,11 @@ def _embedded(image: np.ndarray) -> str:
     if image.shape[1] > _IMAGE_WIDTH:
         size = (_IMAGE_WIDTH, max(1, round(image.shape[0] * _IMAGE_WIDTH / image.shape[1])))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return "data:image/jpeg;base64," + base64.b64encode(encode(image, ".jpg")).decode()
+    return _data_uri(encode(image, ".jpg"))
+
+
+def _data_uri(jpeg: bytes) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
 
 
 def _calibration(take: Take) -> dict[str, str | float]:

@@ -102,7 +102,7 @@ def _write(plan: CalibratePlan, rig: Rig, report: CamerasReport) -> None:
     with atomic_path(take.rig) as temporary:
         write_rig(rig, temporary)
     write_model(take.calibration_report, report)
-    for path in (take.rig_verdict, take.camera_refinement, take.refined_rig):
+    for path in (take.rig_verdict, take.card, take.card_picture, take.camera_refinement, take.refined_rig):
         remove(path)  # of other cameras
     if isinstance(report, CalibrationReport):
         write_calibration_page(take)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from v3studio.pipelines.stages import Executor
+from v3studio.pipelines.stages.card import check_card
 from v3studio.pipelines.stages.grouping import find_motion
 from v3studio.pipelines.stages.initialize_plan import STAGE, InitializePlan
 from v3studio.pipelines.stages.inputs import Inputs
@@ -71,6 +72,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> I
         reporter.log(line)  # what was found, in particular what auto chose
     for warning in plan.footage.warnings:
         reporter.warn(warning)
+    check_card(plan, reporter)
     first = 0.3 if find_motion(plan, reporter.part("finding masks and groups", 0.0, 0.3)) else 0.0
     groups = plan.groups
     check_rig(plan, groups[0], reporter)

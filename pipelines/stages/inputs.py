@@ -117,8 +117,9 @@ class Inputs:
             **edit_params(self.edits, "masks", *(["crop"] if self.training_box else [])),
         }
 
-    def opened(self, rig: Rig | None) -> Footage:
-        """The footage with other cameras; None: without cameras. Raises StudioError: it cannot be opened."""
+    def opened(self, rig: Rig | None, votes: bool = True) -> Footage:
+        """The footage with other cameras; None: without cameras. `votes`: see `open_footage`. Raises StudioError: it
+        cannot be opened."""
         from v3studio.studio.footage import open_footage
 
         run = self.config.run
@@ -127,6 +128,7 @@ class Inputs:
             most_cached=self.most_cached, every_camera=True, evaluation_masks=self.config.evaluate.exact_masks,
             without_masks=() if rig is None else self.raw_footage.without_masks,
             mask_clicks=() if rig is None else self.edits.masks,  # so that cameras stay as they are
+            votes=votes,
         )  # fmt: skip
 
     @property

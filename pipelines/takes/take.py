@@ -54,6 +54,8 @@ class Take:
     calibration_report = _At("calibrate/report.json")
     calibration_points = _At("calibrate/points.ply")  # sparse points, if the cameras were calibrated from footage
     rig_verdict = _At("initialize/verdict.json")  # whether cameras, images and masks agree
+    card = _At("initialize/card.json")  # what was measured of time, cameras, masks and color before training
+    card_picture = _At("initialize/card.jpg")
     motion = _At("initialize/motion.json")  # how far the performer moves, which decides where groups begin
     set_splats = _At("set/splats.safetensors")  # the set behind the performer, in the take's own frame; may be absent
     set_report = _At("set/set.json")  # how well it shows the plates, or why there is no set

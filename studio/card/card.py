@@ -1,11 +1,10 @@
 """Measures time, cameras, masks and color of footage on a few frames, and grades each."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from functools import partial
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from v3studio.studio.calibration.epipolar import PairMatches, match_images
 from v3studio.studio.calibration.outlines import Outlines
@@ -13,19 +12,22 @@ from v3studio.studio.calibration.report import RigVerdict
 from v3studio.studio.calibration.verdict import judge
 from v3studio.studio.cameras import Camera
 from v3studio.studio.card.colors import DIFFERENCES, LEAST_POINTS, ColorDifference, color_differences
+from v3studio.studio.card.grades import Card, Check, Grade
 from v3studio.studio.card.mask_checks import SHIFTS, shift_scores, uncovered
 from v3studio.studio.card.sample import Sample, read_sample
 from v3studio.studio.card.timing import Lag, lags
 from v3studio.studio.counts import cameras_listed, counted, listed
+from v3studio.studio.errors import StudioError
 from v3studio.studio.footage import Footage
+from v3studio.studio.footage.sync import check_sync
 from v3studio.studio.progress import ProgressFn, no_progress, part_of
 from v3studio.studio.yaml_text import inline_yaml
 
-Grade: TypeAlias = Literal["good", "doubtful", "wrong", "not enough to judge"]
 _UNKNOWN: Grade = "not enough to judge"
 
 _LATE, _LATE_HERE = 0.2, 0.8
 """Frames by which a camera is out of time, in all frames and in one window; synchronized ones: up to 0.1 and 0.45."""
+_SOUND = 0.5  # frames: sound is late by as much over 3 m at 60 fps, so that only more tells
 _MOST_NAMED = 6  # cameras that a line names
 _SHIFTED = 1.15  # a mask's frame is another one if images change so many times as much where those masks change
 _OUTSIDE = 0.12  # share of what moves that is outside of masks, from which on something is missing: at most 0.01 if not
@@ -34,41 +36,6 @@ _INVERTED = 0.8  # share of the images' borders in masks that are inverted
 _TANGENTS, _AGREE, _SELDOM = 24, 0.5, 0.5
 """Tangents that can judge; share of them that agree in masks that are right (0.7 to 1.0); share of what is usual below
 which a camera is named."""
-
-
-class Check(BaseModel):
-    """One line of the card. `causes`: kinds of the mistakes that explain what does not fit, such as "inverted"."""
-
-    model_config = ConfigDict(frozen=True)
-
-    name: Literal["time", "cameras", "masks", "color"]
-    grade: Grade
-    words: str  # one or two sentences with the figure
-    fix: str = ""
-    causes: tuple[str, ...] = ()
-    cameras: tuple[str, ...] = ()  # those that are off
-
-    @property
-    def line(self) -> str:
-        return " ".join(filter(None, [f"{self.name}: {self.grade}.", self.words, self.fix]))
-
-
-class Card(BaseModel):
-    """All checks, and the lag of each camera in frames, as far as it is known."""
-
-    model_config = ConfigDict(frozen=True)
-
-    checks: tuple[Check, ...]
-    late: dict[str, float] = {}
-    frames: tuple[int, ...] = ()
-
-    @property
-    def is_wrong(self) -> bool:
-        return any(check.grade == "wrong" for check in self.checks)
-
-    @property
-    def lines(self) -> list[str]:
-        return [check.line for check in self.checks]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,23 +48,36 @@ class Measured:
     pairs: list[PairMatches]
 
 
-def measure(footage: Footage, progress: ProgressFn = no_progress) -> Measured:
-    """Measure the card of footage, opened with its cameras or without them. StudioError: an image cannot be read."""
-    sample = read_sample(footage, part_of(progress, 0, 60))
+def measure(
+    footage: Footage, progress: ProgressFn = no_progress, sample: Sample | None = None, computed: bool = True
+) -> Measured:
+    """Measure the card of footage, opened with its cameras or without them. `sample`, `computed`: what was read of it
+    already, else see `read_sample`. StudioError: an image cannot be read."""
+    sample = sample or read_sample(footage, part_of(progress, 0, 60), computed)
     pairs = match_images(sample.images, progress=part_of(progress, 60, 90))
     cameras = {camera.name: camera for camera in footage.rig} if footage.is_calibrated else {}
     progress(95, 100)
-    return measure_sample(sample, cameras, pairs)
+    return measure_sample(sample, cameras, pairs, partial(_lags_of_sound, footage))
 
 
-def measure_sample(sample: Sample, cameras: dict[str, Camera], pairs: list[PairMatches]) -> Measured:
-    """Measure the card of frames that were read; `cameras` may be empty."""
+def measure_sample(
+    sample: Sample,
+    cameras: dict[str, Camera],
+    pairs: list[PairMatches],
+    of_sound: Callable[[], dict[str, list[Lag]]] = dict,
+) -> Measured:
+    """Measure the card of frames that were read; `cameras`, of full-size images, may be empty. `of_sound`: lags, asked
+    for if the masks do not tell."""
+    cameras = {name: cameras[name].resized(*image.shape[1::-1]) for name, image in sample.images.items() if cameras}
     ends, outlines = sample.outlines(every=False), sample.outlines()
     verdict = judge(cameras, pairs, None, outlines=ends) if cameras else None
     fits = verdict is not None and verdict.grade != "wrong"
     late = lags(outlines, cameras, sample.runs, sample.windows) if outlines is not None and fits else {}
+    time = _time(late, fits)
+    if time.grade == _UNKNOWN and (heard := of_sound()):
+        late, time = heard, _time(heard, fits, "By their sound: ")
     checks = (
-        _time(late, fits),
+        time,
         _cameras(verdict),
         _masks(sample, cameras if fits else {}, ends),
         _color(color_differences(sample.images, pairs)),
@@ -106,12 +86,23 @@ def measure_sample(sample: Sample, cameras: dict[str, Camera], pairs: list[PairM
     return Measured(Card(checks=checks, late=known, frames=sample.frames), sample, cameras, pairs)
 
 
-def _time(late: Mapping[str, list[Lag]], fits: bool) -> Check:
+def _lags_of_sound(footage: Footage) -> dict[str, list[Lag]]:
+    """Frames by which cameras are late besides `capture.offsets`, by sound, if all have it and it tells."""
+    try:
+        report = check_sync(footage, method="sound")
+    except StudioError:  # some have no sound, or it cannot be read
+        return {}
+    late = {name: offset - footage.spec.offsets.get(name, 0) for name, offset in report.offsets.items()}
+    middle = float(np.median(list(late.values()))) if late else 0.0
+    return {name: [Lag(each - middle, len(late) - 1, _SOUND)] for name, each in late.items()}
+
+
+def _time(late: Mapping[str, list[Lag]], fits: bool, source: str = "") -> Check:
     known = {name: each for name, each in late.items() if each[0].known}
     if len(known) < 2 or len(known) < len(late) / 2:
         why = "little moves in the masks" if fits else "the cameras are not known, or do not fit"
         return Check(
-            name="time", grade=_UNKNOWN, words=f"Not compared, since {why}.", fix="`v3studio sync` compares sound."
+            name="time", grade=_UNKNOWN, words=f"Not compared, since {why}.", fix="`v3studio sync` compares motion."
         )
     varying = {name: change for name, each in known.items() if (change := _change(each[1:])) is not None}
     offset = {
@@ -119,7 +110,7 @@ def _time(late: Mapping[str, list[Lag]], fits: bool) -> Check:
         for name, each in known.items()
         if name not in varying and abs(each[0].frames) > (_LATE if each[0].spread <= _LATE else 3 * _LATE)
     }
-    words, fix = [], []
+    words, fix = [source.strip()] if source and offset else [], []
     for name, (before, after) in list(varying.items())[:_MOST_NAMED]:
         words.append(f"{name} is {before:+.1f} frames late, then {after:+.1f}: it drops frames, or its rate varies.")
     if varying:
@@ -138,7 +129,7 @@ def _time(late: Mapping[str, list[Lag]], fits: bool) -> Check:
             cameras=(*varying, *offset),
         )  # fmt: skip
     worst = max(abs(each[0].frames) for each in known.values())
-    return Check(name="time", grade="good", words=f"{counted(len(known), 'camera')} within {worst:.2f} frames.")
+    return Check(name="time", grade="good", words=f"{source}{counted(len(known), 'camera')} within {worst:.2f} frames.")
 
 
 def _change(windows: list[Lag]) -> tuple[float, float] | None:

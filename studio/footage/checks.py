@@ -2,6 +2,7 @@
 
 import os
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -111,12 +112,14 @@ def check_footage(
     progress: ProgressFn = no_progress,
     frames: tuple[int, ...] | None = None,
     drift: ColorDrift | None = None,
+    see: Callable[[str, int, np.ndarray, np.ndarray | None], object] = lambda *seen: None,
 ) -> list[Message]:
     """Decode all frames (or those of the given numbers) and masks, several cameras in parallel, and report problems.
 
     Args:
         progress: called with the number of images decoded and their total; may raise `Cancelled`.
         drift: sees the frames of cameras with masks, for its own messages.
+        see: called with camera, frame, image and mask, None without one; on several threads, but one for each camera.
 
     Returns:
         `Footage.problems`, then for each camera up to three errors (with the codes of `Footage.image` and
@@ -146,6 +149,7 @@ def check_footage(
             try:
                 image = footage.image(camera, frame)  # also fills the cache for training if the capture fits into it
                 if not masked or camera in unmasked:
+                    see(camera, frame, image, None)
                     continue
                 # first, since `mask` lets go of the raw mask
                 beyond = footage.beyond_view(camera, frame) if drift is not None else 0.0
@@ -156,6 +160,7 @@ def check_footage(
                     advance(len(frames) - position - 1)
                     break
                 continue
+            see(camera, frame, image, mask)
             if drift is not None:
                 drift.see(camera, frame, image, mask, beyond)
             share = float((mask >= 128).mean())

@@ -50,6 +50,7 @@ def open_footage(
     evaluation_masks: str | None = None,
     without_masks: Sequence[str] = (),
     mask_clicks: Sequence[MaskClick] = (),
+    votes: bool = True,
 ) -> Footage:
     """Open a capture: find and open its files and read one frame per camera. Other frames are decoded on demand.
 
@@ -79,6 +80,8 @@ def open_footage(
         without_masks: cameras that are known to have no masks, `Footage.without_masks` before calibration. They are not
             expected in `rig`.
         mask_clicks: corrections of masks by hand, see `studio.masks.corrections`.
+        votes: whether cameras agree on masks that are found in the images. Each camera's own are quicker to make, and
+            say more about the cameras.
 
     Raises:
         StudioError: `footage.*`: no files found, a file cannot be opened, two files for the same camera and frame, an
@@ -122,7 +125,7 @@ def open_footage(
     cache = image_cache(limit if most_cached is None else min(limit, most_cached))
     masked = frames if strict else ()  # frames that must have a mask
     garbage = garbage_masks(spec, tuple(sources), pool)
-    cameras = partial(_raw_cameras, spec, rig, sources) if rig is not None else None
+    cameras = partial(_raw_cameras, spec, rig, sources) if rig is not None and votes else None
     inputs = MaskInputs(spec, sources, masked, held_out, pool, cache_folder, device, threads, garbage, cameras)
     mask_source, mask_note = open_mask_source(inputs)
     notes.append(mask_note)

@@ -8,6 +8,7 @@ from pydantic import Field, JsonValue
 from v3studio.pipelines.takes.files.json_files import Result, read_json, read_model, validated
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.calibration.report import CalibrationReport, RigVerdict
+from v3studio.studio.card.grades import Card
 
 
 class InitialPointsReport(Result):
@@ -120,6 +121,12 @@ class BakedGroupNote(Result):
 
     seen: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     """Least and greatest corner of the box of what one sees, world units; None: not known, or nothing can be seen."""
+
+
+class StoredCard(Card):
+    """initialize/card.json."""
+
+    key: str = ""  # digest of cameras, images and masks
 
 
 class FoundMotion(Result):

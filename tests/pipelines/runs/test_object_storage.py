@@ -17,7 +17,7 @@ def results(take: Path) -> dict[str, bytes]:
     return {
         path.relative_to(take).as_posix(): READERS.get(path.name, READERS.get(path.suffix, Path.read_bytes))(path)
         for path in files
-        if path.name not in ("group.json", "report.json", "verdict.json")
+        if path.name not in ("group.json", "report.json", "verdict.json", "card.json")
     }
 
 
