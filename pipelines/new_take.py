@@ -1,15 +1,18 @@
 """NewTake: creates a take from a folder of footage."""
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.config import Config, dump_config, load_config
 from v3studio.pipelines.config.presets import PRESETS, preset_here, with_values
-from v3studio.pipelines.inspection import Inspection, inspect
+from v3studio.pipelines.inspection import Inspection, inspect, with_camera_file
 from v3studio.pipelines.takes.authored.drawn_masks import for_another_take
 from v3studio.pipelines.takes.files.disk_errors import disk_errors
 from v3studio.pipelines.takes.results.camera_uses import USES, camera_uses, settings_of_uses
@@ -17,8 +20,12 @@ from v3studio.pipelines.takes.take import Take
 from v3studio.studio.atomic_files import write_text
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
+from v3studio.studio.footage import open_footage
 from v3studio.studio.progress import ProgressFn
 from v3studio.studio.storage import is_address
+
+if TYPE_CHECKING:
+    from v3studio.studio.card import Measured
 
 MOST_FPS = 10_000  # limit of `capture.fps`
 CALIBRATE = "none: calibrate from the footage"  # A choice of camera file besides those that were found
@@ -127,6 +134,17 @@ class NewTake:
         given = (None if self.fps.strip() else config.capture.fps) or inspection.filmed_fps  # as `open_footage`
         uses |= {name: "not used" for name in inspection.cameras if name not in inspection.used}
         return Found(more + "\n".join(inspection.lines), given, inspection, uses=uses)
+
+    def measured(self, progress: ProgressFn) -> Measured | None:
+        """The card of the footage, without masks that would have to be computed; None for footage that would have to be
+        copied. Raises StudioError: it cannot be read."""
+        from v3studio.studio.card import measure
+
+        capture = replace(self, uses=None, frames="").config().capture
+        if is_address(capture.root):
+            return None
+        with closing(open_footage(capture, None, strict=False)) as opened, closing(with_camera_file(opened)) as footage:
+            return measure(footage, progress, computed=False)
 
     def proposed_take(self) -> str:
         """Path of a new folder next to the footage, or in the home folder if none can be made there; in the working

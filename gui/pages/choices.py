@@ -27,6 +27,7 @@ class ViewMode(Button):
     EVIDENCE = "evidence", "What each camera alone takes for the performer (light), and how far its mask is off"
     GARBAGE = "garbage masks", "Draw where the performer never is: click a camera, then the corners of a polygon"
     CORRECT = "correct", "Correct a mask: click a camera, then the performer, or with the right button what is not"
+    CARD = "card", "Are time, cameras, masks and color right? Measured before training, and by Check"
     CAMERAS = "cameras", "Camera frustums with their images, and sparse points"
     COVERAGE = "coverage", "Directions around the performer, and its surface, by how well the training cameras see them"
     REPORT = "report", "Reprojection error per camera"

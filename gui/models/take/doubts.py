@@ -7,8 +7,8 @@ from v3studio.pipelines.events import Notice
 from v3studio.studio.counts import counted
 
 WORST = (
-    "masks.contradiction", "rig.wrong", "rig.doubtful", "mask.inverted", "mask.empty", "hull.mask_mismatch",
-    "hull.outlier_mask", "calibration.weak_cameras", "calibration.reprojection_error",
+    "masks.contradiction", "rig.wrong", "rig.doubtful", "card.wrong", "mask.inverted", "mask.empty",
+    "hull.mask_mismatch", "hull.outlier_mask", "calibration.weak_cameras", "calibration.reprojection_error",
 )  # fmt: skip
 """Codes of the warnings that come first, in order: what they tell of spoils all that follows."""
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -27,7 +28,7 @@ from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.pipelines.inspection import with_camera_file
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
-from v3studio.studio.card import measure
+from v3studio.studio.card import Sample, draw, measure
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Cancelled, Message, StudioError
 from v3studio.studio.footage import Footage, check_footage, open_footage
@@ -56,7 +57,7 @@ class CaptureView(StageView):
     """Thumbnails of all cameras, or one of them (`camera`; `image_at`: it, and where its image is), with masks or
     without; and with garbage masks, which are drawn on one camera. `footage_check` checks all of it."""
 
-    modes = (ViewMode.MASKS, ViewMode.EVIDENCE, ViewMode.GARBAGE, ViewMode.CORRECT)
+    modes = (ViewMode.MASKS, ViewMode.EVIDENCE, ViewMode.GARBAGE, ViewMode.CORRECT, ViewMode.CARD)
 
     def __init__(self, workspace: Workspace) -> None:
         super().__init__(workspace)
@@ -96,7 +97,8 @@ class CaptureView(StageView):
             self.footage_check.forget()  # it was about other settings
         garbage = (self.garbage.stamp, self.garbage.corners)
         check = (self.footage_check.words, tuple(self.footage_check.problems), len(self.verdicts))
-        return (capture, garbage, self._clicks, self.camera, self.frame, self.mode, *check, self.em)
+        card = modified(self._card_file) if self._card_file is not None else 0
+        return (capture, card, garbage, self._clicks, self.camera, self.frame, self.mode, *check, self.em)
 
     def draw(self, size: Size, state: Hashable) -> np.ndarray:
         opened = self._open()
@@ -110,7 +112,10 @@ class CaptureView(StageView):
         bottom = (room + 1.2) * line_height(self._small) if lines or self.footage_check.words else 0
         canvas = Canvas(*size, GROUND)
         frame = footage.frames[min(self.frame, len(footage.frames) - 1)]
-        self._thumbnails(canvas, opened, frame, size[1] - bottom)
+        if self.mode == ViewMode.CARD:
+            self._draw_card(canvas, size[1] - bottom)
+        else:
+            self._thumbnails(canvas, opened, frame, size[1] - bottom)
         y = size[1] - bottom
         words = self.footage_check.words or (f"Problems in the footage: {len(problems)}" if problems else "")
         canvas.text(self.em, y, words, self._small, BAD if problems else DIM)
@@ -121,6 +126,21 @@ class CaptureView(StageView):
             shown.append((top, top + line_height(self._small), problem))
         self._lines = shown
         return canvas.pixels
+
+    def _draw_card(self, canvas: Canvas, height: float) -> None:
+        self.places, self.image_at = [], None
+        picture = self.footage_check.card
+        if picture is None and self._card_file is not None and self._card_file.is_file():
+            picture = cv2.cvtColor(cv2.imread(str(self._card_file)), cv2.COLOR_BGR2RGB)
+        if picture is not None:
+            canvas.fit_image(0, 0, canvas.width, height, picture)
+        else:
+            words = "Not measured yet: Initialize measures it first, and Check at any time."
+            canvas.text(canvas.width / 2, height / 2, words, self._small, DIM, align="middle", width=canvas.width)
+
+    @property
+    def _card_file(self) -> Path | None:
+        return self.workspace.context.take.card_picture if self.workspace.context is not None else None
 
     @property
     def _clicks(self) -> tuple[MaskClick, ...]:
@@ -363,6 +383,7 @@ class FootageCheck:
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace, self.words = workspace, ""
+        self.card: np.ndarray | None = None  # its image, (H, W, 3) uint8 RGB, once it is measured
         self.problems: Sequence[Problem] = ()
         self.of: object = None  # the settings of the footage that is or was checked
         self._worker: LatestWorker[Inputs, bool] = LatestWorker(self._run, "v3studio check", self._ended)
@@ -370,13 +391,13 @@ class FootageCheck:
     def start(self, context: Inputs) -> None:
         """Start, unless it is running."""
         if self._worker.idle:
-            self.words, self.problems, self.of = "checking the footage", (), context.config.capture
+            self.words, self.problems, self.card, self.of = "checking the footage", (), None, context.config.capture
             self._worker.ask(context)
 
     def forget(self) -> None:
         """Forget the outcome, unless the check is running."""
         if self._worker.idle:
-            self.words, self.problems, self.of = "", (), None
+            self.words, self.problems, self.card, self.of = "", (), None, None
 
     def _ended(self, done: Done[Inputs, bool]) -> None:
         """Forget the footage that was checked, and note why that failed."""
@@ -398,8 +419,11 @@ class FootageCheck:
             self.words = f"checking the footage, {done} of {total} images"
 
         footage, calibrated = _footage(context, context.edits.masks)
-        drift = ColorDrift()
-        found = [*map(Problem.of, (*check_footage(footage, progress, drift=drift), *drift.messages()))]
+        if not calibrated:
+            with suppress(StudioError):  # the list of footage says what is wrong with the camera file
+                footage = with_camera_file(footage)
+        drift, sample = ColorDrift(), Sample(footage)
+        found = [*map(Problem.of, (*check_footage(footage, progress, drift=drift, see=sample.see), *drift.messages()))]
         why, verdicts = why_not_judged(footage, calibrated), list[MaskVerdict]()
         for number, frame in enumerate(footage.frames * (not why)):
             self._go_on()
@@ -410,10 +434,8 @@ class FootageCheck:
         grades = ""
         if not found:
             self.words = "measuring time, cameras, masks and color"
-            if not calibrated:
-                with suppress(StudioError):  # the list of footage says what is wrong with the camera file
-                    footage = with_camera_file(footage)
-            card = measure(footage, self._go_on).card
+            measured = measure(footage, self._go_on, sample)
+            card, self.card = measured.card, draw(measured)
             found = [Problem(check.line) for check in card.checks if check.grade in ("wrong", "doubtful")]
             grades = "; ".join(f"{check.name}: {check.grade}" for check in card.checks)
         self.problems = found

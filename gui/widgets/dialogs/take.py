@@ -5,11 +5,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from open3d.visualization import gui
 
-from v3studio.gui.drawing.canvas import wrapped
+from v3studio.gui.drawing.canvas import Canvas, wrapped
 from v3studio.gui.drawing.footage_sheet import FootageSheet
-from v3studio.gui.drawing.palette import BAD, DIM
+from v3studio.gui.drawing.palette import BAD, DIALOG, DIM
 from v3studio.gui.models.loop import LOOP
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.widgets.dialogs.base import Dialogs, exactly
@@ -20,6 +21,7 @@ from v3studio.gui.widgets.settings import PRESET
 from v3studio.pipelines.config.presets import PRESETS
 from v3studio.pipelines.new_take import CALIBRATE, Found, NewTake, uses_words
 from v3studio.pipelines.takes.results.camera_uses import USES
+from v3studio.studio.card import Measured, draw
 from v3studio.studio.errors import Cancelled, StudioError
 
 NAME = "new take"
@@ -40,6 +42,9 @@ class NewTakeDialog:
         self._new, self._found = NewTake(), Found("")
         self._worker: LatestWorker[NewTake, Found] = LatestWorker(self._examine, "v3studio new take", self._examined)
         self._asked: NewTake | None = None
+        self._judge: LatestWorker[NewTake, Measured | None] = LatestWorker(self._measure, "v3studio card", self._judged)
+        self._card: tuple[str, np.ndarray] | None = None  # grades, and the image, once they are measured
+        self._shows_card = False
         self._images: dict[tuple[int, ...], gui.UIImage] = {}  # of all openings
         self._words = ""
         self._anchor: int | None = None  # where a drag across the frames began
@@ -48,7 +53,7 @@ class NewTakeDialog:
         """Show the dialog. `new`: modified while it is open. `error`: why creating it failed."""
         dialogs, em = self._dialogs, self._dialogs.em
         if new is not self._new:
-            self._found, self._asked = Found(""), None
+            self._found, self._asked, self._card = Found(""), None, None
         self._new, self._anchor = new, None
         self._size = dialogs.fitting(*SIZE)
         form = Form(dialogs, new, gap=0.35)
@@ -78,6 +83,7 @@ class NewTakeDialog:
             ("suggested", "Hold out every eighth camera", lambda: self._use("suggested", "held out")),
             ("unmasked", "Exclude cameras without masks", lambda: self._use("unmasked", "not used")),
             ("every_frame", "All frames", lambda: self._set_frames("")),
+            ("card", "Card", self._show_card),
         )
         grid = gui.Vert(0, gui.Margins(0, 0, 0, -2 * em))  # a grid asks for more height than it takes
         grid.add_child(form.grid)
@@ -151,7 +157,7 @@ class NewTakeDialog:
                 setattr(self._new, attribute, "")
                 setattr(wanted, attribute, "")
         if wanted != self._asked:
-            self._asked = wanted
+            self._asked, self._card, self._shows_card = wanted, None, False
             if not wanted.footage.strip() and not wanted.settings.strip():
                 self._found = CHOOSE
             else:
@@ -176,8 +182,28 @@ class NewTakeDialog:
         if done.request is not self._asked:
             return
         self._found, self._words = done.result or Found(f"The footage cannot be examined: {done.error!r}"), ""
+        if self._found.inspection.cameras and not self._found.inspection.problems:
+            self._judge.ask(done.request)
         if self._dialogs.name == NAME:
             self._update()
+
+    def _measure(self, wanted: NewTake) -> Measured | None:
+        def progress(*_: object, **_figures: object) -> None:
+            if self._asked is not wanted or self._judge.closed:
+                raise Cancelled
+
+        return wanted.measured(progress)
+
+    def _judged(self, done: Done[NewTake, Measured | None]) -> None:
+        if done.request is self._asked and done.result is not None:  # the list of files says why it cannot be read
+            grades = "; ".join(f"{check.name}: {check.grade}" for check in done.result.card.checks)
+            self._card = f"Card: {grades}.", draw(done.result)
+            if self._dialogs.name == NAME:
+                self._update()
+
+    def _show_card(self) -> None:
+        self._shows_card = not self._shows_card
+        self._update()
 
     def _update(self) -> None:
         """Show what is known."""
@@ -185,7 +211,8 @@ class NewTakeDialog:
         inspection, widgets = facts.inspection, dialogs.widgets | dialogs.made
         words = self._error or facts.words
         if facts.uses and not self._error:
-            words = f"{uses_words(new.uses or facts.uses)}. {HINT}\n{words_beside(facts)}"
+            card = f"{self._card[0]}\n" if self._card is not None else ""
+            words = f"{uses_words(new.uses or facts.uses)}. {HINT}\n{card}{words_beside(facts)}"
         size, wide = round(TEXT_SIZE * dialogs.em), self._size[0]
         lines = [line for part in words.splitlines() for line in wrapped(part, size, wide)]
         self._text.text_color = color(BAD if self._error else DIM)
@@ -213,7 +240,13 @@ class NewTakeDialog:
         widgets["suggested"].enabled = bool(inspection.suggested) and "held out" not in uses.values()
         widgets["unmasked"].enabled = any(uses[name] == "training" for name in inspection.unmasked)
         widgets["every_frame"].enabled = new.frames != ""
-        self._picture.show(self._sheet.draw())
+        widgets["card"].enabled = self._card is not None
+        if self._card is not None and self._shows_card:
+            canvas = Canvas(*self._size, DIALOG)
+            canvas.fit_image(0, 0, *self._size, self._card[1])
+            self._picture.show(canvas.pixels)
+        else:
+            self._picture.show(self._sheet.draw())
         dialogs.lay_out()
         self._changed()
 
@@ -241,6 +274,8 @@ class NewTakeDialog:
         self._update()
 
     def _on_mouse(self, event: gui.MouseEvent, x: float, y: float) -> bool:
+        if self._shows_card:
+            return False
         kind, sheet = gui.MouseEvent.Type, self._sheet
         frame = sheet.frame_at(x, y)
         if event.type == kind.BUTTON_DOWN:
