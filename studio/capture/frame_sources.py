@@ -52,9 +52,8 @@ class ImageSource(FrameSource):
         self._transfer, self._offset = transfer, offset
         self._paths = dict(sorted(paths.items()))
         self.frames = tuple(number - offset for number in self._paths)
-        self.width, self.height, self.has_alpha, turned = image_header(next(iter(self._paths.values())))
+        self.width, self.height, self.has_alpha, self.note = image_header(next(iter(self._paths.values())))
         self.fps = fps
-        self.note = "EXIF turns the images for display, but they are used as stored" if turned else ""
 
     def read(self, frame: int) -> np.ndarray:
         """The image as `FrameSource.read` describes it. StudioError: its size or alpha channel differs from the

@@ -29,16 +29,19 @@ _ALPHA_MODES = ("RGBA", "LA", "PA", "RGBa", "La")
 _ORIENTATION = 0x0112  # of EXIF; 1 is upright
 
 
-def image_header(path: Path) -> tuple[int, int, bool, bool]:
-    """Width, height, whether there is an alpha channel, and whether the EXIF orientation says that the image is to be
-    turned or mirrored for display; EXR and DPX are decoded. Raises StudioError: `footage.image_*`."""
+def image_header(path: Path) -> tuple[int, int, bool, str]:
+    """Width, height, whether there is an alpha channel, and a clause about what viewers do with the image besides: its
+    EXIF orientation, its color profile. EXR and DPX are decoded. Raises StudioError: `footage.image_*`."""
     if _is_deep(path):
         height, width, *channels = _deep_values(path).shape
-        return width, height, channels == [4], False
+        return width, height, channels == [4], ""
     with _open(path) as image, _undamaged(path):
         # of PNG, Pillow would decode the image
         turned = image.format in ("JPEG", "MPO", "TIFF") and image.getexif().get(_ORIENTATION, 1) != 1
-        return *image.size, _is_transparent(image), turned
+        notes = ["EXIF turns the images for display, but they are used as stored"] if turned else []
+        if b"sRGB" not in image.info.get("icc_profile", b"sRGB").replace(b"\0", b""):  # names may be UTF-16
+            notes.append("the images have a color profile other than sRGB, and their values are read as sRGB")
+        return *image.size, _is_transparent(image), "; ".join(notes)
 
 
 def read_image(path: Path, transfer: TransferFunction = "auto") -> np.ndarray:

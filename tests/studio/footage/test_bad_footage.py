@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageCms
 
 from tests.support.errors import cancel_at, refuses
 from v3studio.studio.capture import CaptureSettings
-from v3studio.studio.capture.images import read_image
+from v3studio.studio.capture.images import image_header, read_image
 from v3studio.studio.errors import Cancelled
 from v3studio.studio.footage import open_footage
 from v3studio.studio.footage.checks import check_footage
@@ -48,6 +48,13 @@ def test_a_camera_that_is_numbered_from_another_number(image_folders: Path) -> N
         open_footage(CaptureSettings(root=image_folders))
     pasted = re.search(r"capture\.frames to (\S+)", str(caught.value))
     assert open_footage(CaptureSettings(root=image_folders, frames=pasted[1])).frames == (6, 7, 8)
+
+
+@pytest.mark.parametrize(("space", "named"), [("sRGB", False), ("LAB", True)])
+def test_other_color_profiles_are_named(tmp_path: Path, make: SimpleNamespace, space: str, named: bool) -> None:
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile(space)).tobytes()
+    Image.fromarray(make.numbered(0)).save(tmp_path / "0.png", icc_profile=profile)
+    assert ("color profile" in image_header(tmp_path / "0.png")[3]) == named
 
 
 def test_images_that_exif_turns_are_named(tmp_path: Path, make: SimpleNamespace) -> None:
