@@ -8,6 +8,7 @@ from tests.support.looping import heard, wait_in_loop
 from tests.support.rigs import intrinsics, ring
 from v3studio.gui.models.take.workspace import Workspace
 from v3studio.gui.pages.capture.view import CaptureView
+from v3studio.gui.pages.choices import ViewMode
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.runs.runner import run
 from v3studio.pipelines.takes.take import Take
@@ -71,3 +72,16 @@ def test_masks_are_judged_before_training_and_the_worst_comes_first(workspace: W
     view.state()
     assert not view.footage_check.problems, "they were about other settings"
     assert workspace.row("capture").doubts
+
+
+def test_the_card_is_shown_once_it_is_measured(workspace: Workspace, take: Take) -> None:
+    workspace.open(take)
+    wait_in_loop("the take", lambda: workspace.checked)
+    workspace.change_settings({"capture.frames": ":1"})  # without the mask that is damaged
+    view = CaptureView(workspace)
+    view.mode = ViewMode.CARD
+    before = view.draw(SIZE, view.state())
+    view.check()
+    wait_in_loop("the card", lambda: view.footage_check.card is not None)
+    assert (view.draw(SIZE, view.state()) != before).mean() > 0.1
+    assert view.places == []
