@@ -131,7 +131,8 @@ class CaptureView(StageView):
         self.places, self.image_at = [], None
         picture = self.footage_check.card
         if picture is None and self._card_file is not None and self._card_file.is_file():
-            picture = cv2.cvtColor(cv2.imread(str(self._card_file)), cv2.COLOR_BGR2RGB)
+            stored = cv2.imread(str(self._card_file))
+            picture = None if stored is None else cv2.cvtColor(stored, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
         if picture is not None:
             canvas.fit_image(0, 0, canvas.width, height, picture)
         else:
