@@ -83,7 +83,7 @@ _CERTAIN = -2.0
 _GIVEN = 3.0
 """Log-odds of a mask of another source."""
 _SMALLEST = 1e-4  # component, in fractions of the image
-_VERSION = 7  # of the algorithm; part of the names of cached files
+_VERSION = 8  # of the algorithm; part of the names of cached files
 
 
 class AgreedMaskSource(MaskSource):

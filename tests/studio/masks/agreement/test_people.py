@@ -39,3 +39,19 @@ def test_without_people_a_model_is_not_asked() -> None:
     model = Mock()
     assert not odds_of_people(np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), bool), model).any()
     model.assert_not_called()
+
+
+def test_a_dark_image_is_brightened_for_the_model() -> None:
+    """Black hair before a black wall."""
+    solid, shown = np.zeros((40, 40), bool), []
+    solid[10:30, 10:30] = True
+
+    def model(part: np.ndarray) -> np.ndarray:
+        shown.append(part)
+        return np.ones(part.shape[:2], np.float32)
+
+    for wall in (12, 120):
+        odds_of_people(np.where(solid[..., None], wall + 16, wall).repeat(3, 2).astype(np.uint8), solid, model)
+    dark, bright = shown[0].astype(int), shown[2]  # of two looks at each
+    assert dark.max() - dark.min() > 24
+    assert set(np.unique(bright)) == {120, 136}
