@@ -139,21 +139,21 @@ def judge_views(
 ) -> RigVerdict:
     """Judge a rig by the images and masks of a frame, the latter those of `views`, if they are enough. `near` gives
     masks of a camera in other frames, by frame; asked if one of a few cameras contradicts the others."""
-    from v3studio.studio.meshing.agreement import LEAST_CAMERAS, PIXELS, contradicting, frame_that_fits, mask_agreement
+    from v3studio.studio.meshing.agreement import LEAST_CAMERAS, PIXELS, frame_that_fits, least_views, mask_verdicts
     from v3studio.studio.meshing.silhouettes import silhouettes
 
     outlines = Outlines({view.camera.name: [outline(view.mask)] for view in views}) if views else None
     if len(views) < LEAST_CAMERAS:
         return judge(cameras, pairs, None, outlines=outlines)
-    least = max(3, len(views) // 3)
     shapes = silhouettes(views, max_pixels=PIXELS * len(views))
-    agreement = mask_agreement(shapes, least)
-    disagreeing = contradicting(agreement)
-    verdict = judge(cameras, pairs, {name: camera.error for name, camera in agreement.items()}, disagreeing, outlines)
+    least = least_views(shapes)
+    verdicts = {verdict.camera: verdict for verdict in mask_verdicts(shapes, least)}
+    disagreeing = [name for name, mask in verdicts.items() if mask.wrong]
+    verdict = judge(cameras, pairs, {name: mask.error for name, mask in verdicts.items()}, disagreeing, outlines)
     if not disagreeing or "masks" not in verdict.blamed:
         return verdict
     frame, worst = views[0].frame, disagreeing[:_NAMED_PLACES]
-    more = [places_of({name: agreement[name].box for name in worst}, frame)]
+    more = [places_of({name: verdicts[name].box for name in worst}, frame)]
     offsets = {}
     if verdict.grade != "wrong":
         fitting = {name: frame_that_fits(shapes, name, near(name), least) for name in worst}

@@ -109,7 +109,7 @@ class CameraVerdict(_Model):
     matches: int = 0  # verified matches of its image with others
     fits: float | None = None  # fraction of them that fit the epipolar geometry of the rig; None for too few matches
     mask_error: float | None = None
-    """Disagreement of its mask with the volume of the others, 0..2 (see `MaskAgreement`); None if not known."""
+    """Disagreement of its mask with the volume of the others, 0..2 (see `MaskVerdict`); None if not known."""
 
 
 class RigVerdict(_Model):

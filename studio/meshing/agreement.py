@@ -1,7 +1,7 @@
 """Measures how far each camera's mask agrees with the volume on which the other cameras agree."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -28,33 +28,60 @@ PIXELS = 120_000  # pixels per mask that are enough here
 
 
 @dataclass(frozen=True)
-class MaskAgreement:
-    """One camera's mask against the common volume of the other cameras. `missing`: fraction of the mask that the volume
-    does not reach, 0..1: none of a performer that all cameras see. `extra`: fraction of the volume's silhouette that is
-    outside of the mask, 0..1. A volume of few cameras is larger than the performer, so correct rigs have some. `box`:
-    left, top, right and bottom of the largest area that contradicts, in pixels of the view; None: there is none."""
+class MaskVerdict:
+    """A camera's mask in a frame, against the common volume of the other cameras.
 
-    missing: float
-    extra: float
+    Attributes:
+        camera, frame: the name, and the number in the footage.
+        lacks: fraction of the volume's silhouette that is outside of the mask, 0 to 1. A volume of few cameras is
+            larger than the performer, so correct rigs have some.
+        more: fraction of the mask that the volume does not reach, 0 to 1: none of a performer that all cameras see.
+        wrong: whether it contradicts the others.
+        box: left, top, right and bottom of the largest area that contradicts, in pixels of the view; None: none does.
+    """
+
+    camera: str
+    frame: int
+    lacks: float
+    more: float
+    wrong: bool = False
     box: tuple[int, int, int, int] | None = None
 
     @property
     def error(self) -> float:
         """The sum of both."""
-        return self.missing + self.extra
+        return self.lacks + self.more
+
+    @property
+    def words(self) -> str:
+        """The larger fault."""
+        if self.lacks >= self.more:
+            return f"{self.lacks:.0%} of the performer is missing"
+        return f"{self.more:.0%} of it is no performer"
 
 
-def mask_agreement(shapes: list[Silhouette], min_views: int) -> dict[str, MaskAgreement]:
-    """Compare each mask, of at least `LEAST_CAMERAS`, with the volume that most of the other cameras see as foreground;
-    empty if they have none in common. Differences of two voxels, a 48th of the volume's size, are tolerated."""
+def mask_verdicts(shapes: list[Silhouette], min_views: int, frame: int = 0) -> tuple[MaskVerdict, ...]:
+    """Compare each mask, of at least `LEAST_CAMERAS`, with the volume that most of the other cameras see as foreground:
+    the worst first; empty if they have none in common. Differences of two voxels, a 48th of the volume's size, are
+    tolerated. `min_views`: cameras that must see a place (`least_views`)."""
     least = max(2, min_views - 1)  # without one of them
     common = _common_volume(shapes, least)
     if common is None:
-        return {}
-    return {
-        shape.camera.name: _compare(shape, shape.mask, common.without(index, least), common.voxel)
+        return ()
+    verdicts = [
+        _compare(shape, shape.mask, common.without(index, least), common.voxel, frame)
         for index, shape in enumerate(shapes)
-    }
+    ]
+    more, errors = [verdict.more for verdict in verdicts], [verdict.error for verdict in verdicts]
+    outside = min(_MISSING, max(_LEAST_MISSING, _MISSING_MORE * float(np.quantile(more, 0.75))))
+    most = min(float(np.median(errors)), _USUAL / len(verdicts)) + max(_ABOVE_USUAL, 1 / len(verdicts))
+    judged = (replace(verdict, wrong=verdict.more > outside or verdict.error > most) for verdict in verdicts)
+    return tuple(sorted(judged, key=lambda verdict: (not verdict.wrong, -verdict.error)))
+
+
+def least_views(shapes: list[Silhouette]) -> int:
+    """How many of the cameras must see a place."""
+    return max(3, len(shapes) // 3)
 
 
 def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
@@ -73,7 +100,7 @@ def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.
     errors = {frame: _compare(shape, mask, volume, common.voxel) for frame, mask in reduced.items()}
     now = _compare(shape, shape.mask, volume, common.voxel)
     best = min(errors, key=lambda frame: errors[frame].error)
-    return best if errors[best].missing < now.missing / 3 and errors[best].error < now.error else None
+    return best if errors[best].more < now.more / 3 and errors[best].error < now.error else None
 
 
 def common_points(shapes: list[Silhouette], min_views: int) -> np.ndarray | None:
@@ -123,23 +150,11 @@ def _common_volume(
     return _Common(points, inside, seen, accepting, views, voxel)
 
 
-def contradicting(agreement: dict[str, MaskAgreement]) -> list[str]:
-    """Cameras whose mask contradicts the others, the worst first."""
-    if not agreement:
-        return []
-    missing = [each.missing for each in agreement.values()]
-    outside = min(_MISSING, max(_LEAST_MISSING, _MISSING_MORE * float(np.quantile(missing, 0.75))))
-    usual = min(float(np.median([each.error for each in agreement.values()])), _USUAL / len(agreement))
-    most = usual + max(_ABOVE_USUAL, 1 / len(agreement))
-    worst = sorted(agreement, key=lambda name: -agreement[name].error)
-    return [name for name in worst if agreement[name].missing > outside or agreement[name].error > most]
-
-
 def _agreed(accepting: torch.Tensor, views: torch.Tensor, least: int) -> torch.Tensor:
     return (views >= least) & (accepting >= (1 - _OUTVOTED) * views)
 
 
-def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: float) -> MaskAgreement:
+def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: float, frame: int = 0) -> MaskVerdict:
     """A camera's `own` mask (h, w) against points of the others' volume."""
     import cv2
 
@@ -148,7 +163,7 @@ def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: fl
     column, row = pixels.floor().long().T
     shown = (depth > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
     radii = (_REACH * voxel * camera.fx / depth).ceil().clamp(1, max(mask.shape) // 8).long()  # closes gaps
-    cover, reached, extra = np.zeros((3, *mask.shape), bool)
+    cover, reached, lacks = np.zeros((3, *mask.shape), bool)
     for radius in radii[shown].unique().tolist():
         disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
         of = shown & (radii == radius)
@@ -157,12 +172,14 @@ def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: fl
         part = np.asarray(cv2.morphologyEx(part, cv2.MORPH_CLOSE, disk), np.uint8)
         cover |= part > 0
         reached |= cv2.dilate(part, disk) > 0
-        extra |= (part > 0) & (cv2.dilate(mask, disk) == 0)
-    missing = (mask > 0) & ~reached
-    return MaskAgreement(
-        int(missing.sum()) / max(int(mask.sum()), 1),
-        int(extra.sum()) / max(int(cover.sum()), 1),
-        _largest_box(missing | extra, shape.footprint / max(camera.fx, camera.fy)),
+        lacks |= (part > 0) & (cv2.dilate(mask, disk) == 0)
+    more = (mask > 0) & ~reached
+    return MaskVerdict(
+        camera.name,
+        frame,
+        int(lacks.sum()) / max(int(cover.sum()), 1),
+        int(more.sum()) / max(int(mask.sum()), 1),
+        box=_largest_box(more | lacks, shape.footprint / max(camera.fx, camera.fy)),
     )
 
 

@@ -22,7 +22,7 @@ from v3studio.gui.models.take.inspector import Block
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
-from v3studio.gui.pages.capture.mask_verdicts import MaskVerdict, judged, why_not_judged
+from v3studio.gui.pages.capture.mask_verdicts import judged, why_not_judged
 from v3studio.gui.pages.choices import ViewMode
 from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.pipelines.inspection import with_camera_file
@@ -36,6 +36,7 @@ from v3studio.studio.footage.checks import ColorDrift
 from v3studio.studio.masks.agreement.source import AgreedMaskSource
 from v3studio.studio.masks.corrections import REACH, MaskClick
 from v3studio.studio.memory_cache import image_cache
+from v3studio.studio.meshing.agreement import MaskVerdict
 
 DRAWS = {
     ViewMode.GARBAGE: "click corners, the first again to close; right click takes back or deletes; Escape: all cameras",

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from tests.studio.meshing.conftest import two_balls
-from v3studio.studio.meshing.agreement import contradicting, frame_that_fits, mask_agreement
+from v3studio.studio.meshing.agreement import frame_that_fits, mask_verdicts
 from v3studio.studio.meshing.silhouettes import silhouettes
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, (0, 0, 0)), (0.01, (5, -3, 2))])
 def test_correct_masks_agree(scale: float, origin: tuple[float, float, float]) -> None:
-    agreement = mask_agreement(silhouettes(two_balls(9, scale, origin)), 4)
-    assert len(agreement) == 9
-    assert max(camera.missing for camera in agreement.values()) < 0.01
-    assert not contradicting(agreement)
+    verdicts = mask_verdicts(silhouettes(two_balls(9, scale, origin)), 4)
+    assert len(verdicts) == 9
+    assert max(verdict.more for verdict in verdicts) < 0.01
+    assert not any(verdict.wrong for verdict in verdicts)
 
 
 @pytest.mark.parametrize("what", ["empty", "of another camera", "shifted"])
@@ -24,7 +24,7 @@ def test_a_wrong_mask_is_named(what: str) -> None:
     mask = views[4].mask
     wrong = {"empty": np.zeros_like(mask), "of another camera": views[8].mask, "shifted": np.roll(mask, 40, 1)}
     views[4] = replace(views[4], mask=np.ascontiguousarray(wrong[what]))
-    assert contradicting(mask_agreement(silhouettes(views), 4)) == ["cam04"]
+    assert [verdict.camera for verdict in mask_verdicts(silhouettes(views), 4) if verdict.wrong] == ["cam04"]
 
 
 @pytest.mark.parametrize("pixels", [1e9, 4000.0])
@@ -36,7 +36,8 @@ def test_the_place_of_a_contradiction_is_named(pixels: float) -> None:
     assert not mask[patch[1] : patch[3], patch[0] : patch[2]].any()
     mask[patch[1] : patch[3], patch[0] : patch[2]] = 255
     views[4] = replace(views[4], mask=mask)
-    box = mask_agreement(silhouettes(views, max_pixels=pixels * 9), 4)["cam04"].box
+    verdicts = mask_verdicts(silhouettes(views, max_pixels=pixels * 9), 4)
+    box = next(verdict.box for verdict in verdicts if verdict.camera == "cam04")
     assert box is not None
     assert np.abs(np.subtract(box, patch)).max() <= 6
 
@@ -56,9 +57,9 @@ def test_a_performer_near_a_camera_does_not_contradict() -> None:
     shown = (column >= 0) & (row >= 0) & (column < near.width) & (row < near.height)
     mask[row[shown], column[shown]] = 255
     views[4] = replace(views[4], camera=near, mask=mask)
-    agreement = mask_agreement(silhouettes(views), 4)
-    assert agreement["cam04"].missing < 0.01
-    assert not contradicting(agreement)
+    verdicts = mask_verdicts(silhouettes(views), 4)
+    assert next(verdict.more for verdict in verdicts if verdict.camera == "cam04") < 0.01
+    assert not any(verdict.wrong for verdict in verdicts)
 
 
 def test_the_frame_of_a_late_camera_is_found() -> None:
