@@ -276,7 +276,7 @@ class AgreedMaskSource(MaskSource):
             solid: dict[str, np.ndarray] = {}
             agreed = any(behind.agreed is not None for behind in sets.values())
             for turn in range(rounds):
-                votes = heard(voting, cameras, self._inputs.voters)
+                votes = heard(voting, cameras, self._inputs.voters, pool.map)
                 threshold = best_threshold(votes, voting)
                 others = {name: _HEARD * (votes[name] - threshold) + _COLORS * colors[name] for name in names}
                 alone = each(_in_color, own, colors) if agreed else own

@@ -5,7 +5,8 @@ many, as in a visual hull, but a single one does not (compare Franco and Boyer, 
 Using a Space Occupancy Grid", ICCV 2005). A camera does not vote on what is outside of its image.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -32,10 +33,13 @@ _LEVELS = 6  # of the image pyramids
 
 
 def heard(
-    odds: Mapping[str, np.ndarray], cameras: Mapping[str, Camera], voters: frozenset[str]
+    odds: Mapping[str, np.ndarray],
+    cameras: Mapping[str, Camera],
+    voters: frozenset[str],
+    each: Callable[..., Iterable[Any]] = map,
 ) -> dict[str, np.ndarray]:
-    """The best score that other cameras give a voxel behind each pixel: (H, W) float32 from `SILENT` to 2, by
-    camera."""
+    """The best score that other cameras give a voxel behind each pixel: (H, W) float32 from `SILENT` to 2, by camera.
+    `each`: as `map`, for several cameras at a time."""
     voting = [name for name in odds if name in voters]
     pyramids = {name: _pyramid(np.clip(odds[name], -_LIMIT, _LIMIT)) for name in odds}
     least = max(3, round(_FEWEST_VIEWS * len(voting)))
@@ -49,8 +53,12 @@ def heard(
     points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3) + rig.focus
     points = points.astype(np.float32)
     for level in range(splits + 1):
-        votes = {name: _vote(pyramids[name], cameras[name], points, size) for name in voting}
-        total, views = (np.sum(parts, axis=0) for parts in zip(*votes.values(), strict=True))
+        cast = each(lambda name: _vote(pyramids[name], cameras[name], points, size), voting)  # noqa: B023
+        votes = dict(zip(voting, cast, strict=True))
+        total, views = np.zeros(len(points), np.float32), np.zeros(len(points), np.int64)
+        for against, seen in votes.values():
+            total += against
+            views += seen
         score = np.where(views >= least, -np.log(np.maximum(total / np.maximum(views, 1), 1e-6)), -np.inf)
         slack = 0.0 if level == splits else _SLACK[min(level, 1)]
         keep = score > _FLOOR - slack
@@ -61,15 +69,16 @@ def heard(
             corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 4
             points = (points[:, None] + corners.astype(np.float32)).reshape(-1, 3)
             size /= 2
-    result = {}
-    for name, camera in cameras.items():
+
+    def shown(name: str) -> np.ndarray:
         others, count = total, views
         if name in voters:
             against, seen = votes[name]
             others, count = total - against[keep], views - seen[keep]
         score = -np.log(np.maximum(others / np.maximum(count, 1), np.exp(-_LIMIT)))
-        result[name] = _shown(camera, points, size, score.astype(np.float32), odds[name].shape)
-    return result
+        return _shown(cameras[name], points, size, score.astype(np.float32), odds[name].shape)
+
+    return dict(zip(cameras, each(shown, list(cameras)), strict=True))
 
 
 def _pyramid(odds: np.ndarray) -> list[np.ndarray]:
@@ -108,7 +117,8 @@ def _project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """Columns, rows and depths of points (N, 3) float32; as `Camera.project`, which is slower without distortion."""
     if not camera.is_pinhole:
         pixels, depth = camera.project(points)
-        return pixels[:, 0].astype(np.float32), pixels[:, 1].astype(np.float32), depth.astype(np.float32)
+        with np.errstate(over="ignore"):  # far outside of the image, the distortion has no limit
+            return pixels[:, 0].astype(np.float32), pixels[:, 1].astype(np.float32), depth.astype(np.float32)
     matrix = (camera.K @ camera.world_to_camera[:3]).astype(np.float32)
     x, y, depth = matrix[:, :3] @ points.T + matrix[:, 3:]
     safe = np.where(depth > 0, depth, np.float32(1))
