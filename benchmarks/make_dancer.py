@@ -176,7 +176,7 @@ def render(body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 def write_settings(path: Path, frames: int, capture: dict[str, Any], **sections: dict[str, Any]) -> None:
     """The settings of the quickstart with another capture and sections, and all frames in one group."""
     quickstart = Path(__file__).parent.parent / "sample_configs" / "quickstart.yaml"
-    settings = parse_yaml(quickstart.read_text()) | sections
+    settings = parse_yaml(quickstart.read_text()) | {"evaluate": {}} | sections
     settings["capture"] = {"root": ".", "rig": "cameras.json", **capture}
     settings["train"]["group_size"] = frames
     path.write_text(dump_yaml(settings))
