@@ -80,7 +80,7 @@ def mask_verdicts(shapes: list[Silhouette], min_views: int, frame: int = 0) -> t
 
 
 def least_views(shapes: list[Silhouette]) -> int:
-    """How many of the cameras must see a place."""
+    """Return the number of cameras that must see a place."""
     return max(3, len(shapes) // 3)
 
 
