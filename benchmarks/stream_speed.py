@@ -1,4 +1,4 @@
-"""Speed of both profiles of the stream at up to 300,000 splats: baking, opening, decoding, dequantizing.
+"""Speed of the stream at up to 300,000 splats: baking, opening, decoding, dequantizing.
 
     python benchmarks/stream_speed.py TAKE
 
@@ -12,7 +12,6 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
@@ -29,7 +28,6 @@ from v3studio.studio.playback import play_headless
 from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
 
 SPLATS = (60_000, 100_000, 300_000)
-PROFILES: tuple[Literal["motion", "planes"], ...] = ("motion", "planes")
 
 
 def trained_group(take: Path, index: int, splats: int) -> list[Gaussians]:
@@ -56,42 +54,41 @@ def enlarged(frames: list[Gaussians], count: int) -> list[Gaussians]:
 def measure(take: Path, work: Path) -> None:
     """Print the times of two groups, from the first frame to the last."""
     columns = ("KB per frame", "bake, ms per frame", "open, ms per group", "decode, ms per frame", "dequantize, ms")
-    table = table_of("splats", "profile", *columns, "frames per second", left=(1,))
+    table = table_of("splats", *columns, "frames per second")
     for count in SPLATS:
         frames = trained_group(take, 0, count)
         if not frames:
             raise StudioError("benchmark.not_trained", "the take has no trained frames", file=take)
-        for profile in PROFILES:
-            folder = work / f"{count}-{profile}"
-            settings = BakeSettings(profile=profile)
-            began = time.process_time()
-            entry = bake_group(frames, folder, 0, 0, settings)
-            bake = 1e3 * (time.process_time() - began) / len(frames)
-            again = bake_group(frames, folder, 1, len(frames), settings)
-            write_manifest(folder, [entry, again], 30, settings)
-            opens, decodes, dequantizes, plays = [], [], [], []
-            with StreamReader.open(folder) as reader:
-                for _ in range(3):
-                    files = reader.fetch(reader.groups[0])
-                    began = time.process_time()
-                    decoder = reader.open_group(reader.groups[0], files)
-                    opens.append(1e3 * (time.process_time() - began))
-                    began = time.process_time()
-                    decoded = [decoder.read() for _ in frames]
-                    decodes.append(1e3 * (time.process_time() - began) / len(frames))
-                    for frame in decoded:
-                        began = time.thread_time()
-                        frame.gaussians()
-                        dequantizes.append(1e3 * (time.thread_time() - began))
-                    decoder.close()
+        folder = work / str(count)
+        settings = BakeSettings()
+        began = time.process_time()
+        entry = bake_group(frames, folder, 0, 0, settings)
+        bake = 1e3 * (time.process_time() - began) / len(frames)
+        again = bake_group(frames, folder, 1, len(frames), settings)
+        write_manifest(folder, [entry, again], 30, settings)
+        opens, decodes, dequantizes, plays = [], [], [], []
+        with StreamReader.open(folder) as reader:
             for _ in range(3):
-                times: list[float] = []
-                play_headless(folder, on_frame=lambda _: times.append(time.perf_counter()))  # noqa: B023
-                plays.append((len(times) - 1) / (times[-1] - times[0]))
-            size = sum(file.bytes for file in entry.files)
-            figures = size / len(frames) / 1000, bake, min(opens)
-            texts = [f"{figure:.0f}" for figure in figures] + [f"{min(decodes):.1f}", f"{np.median(dequantizes):.1f}"]
-            table.add_row(f"{count:,}", profile, *texts, f"{max(plays):.0f}")
+                files = reader.fetch(reader.groups[0])
+                began = time.process_time()
+                decoder = reader.open_group(reader.groups[0], files)
+                opens.append(1e3 * (time.process_time() - began))
+                began = time.process_time()
+                decoded = [decoder.read() for _ in frames]
+                decodes.append(1e3 * (time.process_time() - began) / len(frames))
+                for frame in decoded:
+                    began = time.thread_time()
+                    frame.gaussians()
+                    dequantizes.append(1e3 * (time.thread_time() - began))
+                decoder.close()
+        for _ in range(3):
+            times: list[float] = []
+            play_headless(folder, on_frame=lambda _: times.append(time.perf_counter()))  # noqa: B023
+            plays.append((len(times) - 1) / (times[-1] - times[0]))
+        size = sum(file.bytes for file in entry.files)
+        figures = size / len(frames) / 1000, bake, min(opens)
+        texts = [f"{figure:.0f}" for figure in figures] + [f"{min(decodes):.1f}", f"{np.median(dequantizes):.1f}"]
+        table.add_row(f"{count:,}", *texts, f"{max(plays):.0f}")
     Console(width=112).print(table)
 
 

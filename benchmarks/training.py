@@ -30,10 +30,10 @@ from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer import rasterize, set_kernel_threads
 from v3studio.studio.rasterizer.cpu import load_kernels
 from v3studio.studio.rasterizer.kernels import definitions_only
-from v3studio.studio.stream.planes_coding import PlanesCoding
 from v3studio.studio.training import TrainingView, TrainSettings
 from v3studio.studio.training.adam import Adam, ParameterGroup
 from v3studio.studio.training.coded_loss import CodedLoss
+from v3studio.studio.training.coded_values import CodedValues
 from v3studio.studio.training.dropout import drop_splats
 from v3studio.studio.training.hashgrid import Corners, HashGrid
 from v3studio.studio.training.interframe import performer_box
@@ -131,7 +131,7 @@ class Scene:
         logits = splats.logit_opacities
         dropout = lambda: torch.autograd.grad(drop_splats(logits, settings.dropout, 1).sum(), logits)  # noqa: E731
         self.pair("dropout", dropout, keyframe=1, finetune=1)
-        coding = PlanesCoding(self.previous)
+        coding = CodedValues(self.previous)
         inputs = [splats.quats, splats.log_scales, splats.logit_opacities, splats.sh]
         values = coding.coded_values(splats).detach().requires_grad_()
         ones = torch.ones_like(values)
@@ -152,7 +152,7 @@ class Scene:
         return field, field.corners(self.previous.means)
 
     def coded(self) -> CodedLoss:
-        settings, coding = self.settings, PlanesCoding(self.previous)
+        settings, coding = self.settings, CodedValues(self.previous)
         before = coding.coded_values(self.previous).detach()
         weights = (settings.entropy_weight, settings.temporal_weight)
         return CodedLoss(before, coding.steps(before), coding.attributes, coding.pixels, *weights)
@@ -182,7 +182,7 @@ class Scene:
             adam.zero_grad()
 
         self.pair("whole step", motion, motion=1)
-        coding, coded = PlanesCoding(self.previous), self.coded()
+        coding, coded = CodedValues(self.previous), self.coded()
         entropy_adam = Adam([ParameterGroup(list(coded.parameters()), 1e-9)])
         tuned = SplatOptimizer(self.now, settings.rates, extent, train_means=settings.finetune_means)
 

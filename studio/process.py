@@ -219,34 +219,3 @@ class NativeLines:
         lines = self.take(rest=True)
         self._file.close()
         return lines
-
-
-@contextlib.contextmanager
-def kept_scheduling() -> Iterator[None]:
-    """Undo changes of scheduling policy and priority within: threads that were there get theirs back, new ones the
-    caller's. Linux only; elsewhere nothing is done, as nothing changes there."""
-    if sys.platform != "linux":
-        yield
-        return
-    before = {thread: _policy(thread) for thread in _threads()}
-    own = _policy(0)
-    try:
-        yield
-    finally:
-        for thread in _threads():
-            wanted, now = before.get(thread) or own, _policy(thread)
-            if wanted is not None and now is not None and now != wanted:
-                with contextlib.suppress(OSError):  # the thread has ended
-                    os.sched_setscheduler(thread, wanted[0], os.sched_param(wanted[1]))
-
-
-def _threads() -> list[int]:
-    return [int(name) for name in os.listdir("/proc/self/task")]
-
-
-def _policy(thread: int) -> tuple[int, int] | None:
-    """Policy and priority; None if the thread has ended."""
-    try:
-        return os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
-    except OSError:
-        return None

@@ -74,7 +74,7 @@ def _rehearsed(inputs: Inputs, title: str, arguments: argparse.Namespace) -> Est
     from v3studio.pipelines.estimate.work import Work
 
     bake = inputs.config.bake
-    known = bake.profile == "motion" and not bake.ladder and isinstance(bake.quality, int)
+    known = not bake.ladder and isinstance(bake.quality, int)
     qp = bake.qp if known else None
     work = Work.of(inputs)
     with working(title, arguments) as progress:

@@ -74,7 +74,7 @@ class Estimate:
 
 
 def estimate(work: Work, measured: Measured, qp: int | None) -> Estimate:
-    """The stages after calibration. `qp`: of a stream with the profile `motion`; None: of unknown size."""
+    """The stages after calibration. `qp`: of the stream; None: of unknown size."""
     known: dict[str, Callable[[Work, Measured], StageEstimate]] = {
         "initialize": _initialize,
         "train": _train,
@@ -123,7 +123,7 @@ def _bake(work: Work, measured: Measured, qp: int | None) -> StageEstimate:
         measured.baked_frame * work.frames,
         measured.memory,
         None if qp is None else round(work.frames * work.splats * _BYTES_A_SPLAT * math.exp(_BYTES_A_QP * (24 - qp))),
-        "not estimated for this profile or version" if qp is None else "half to twice, depending on the motion",
+        "not estimated with a ladder, a level or a size" if qp is None else "half to twice, depending on the motion",
     )
 
 

@@ -201,7 +201,7 @@ def _evaluate(inputs: Inputs, view: FootageView, splats: Gaussians) -> float:
 def _bake(bake: BakeSettings, splats: Gaussians, threads: int) -> float:
     """Seconds per frame to encode and decode; with a ladder, of all renditions that need no training."""
     frames = 4
-    settings = type(bake)(profile=bake.profile, quality=bake.qp, codec=bake.codec, preset=bake.preset)
+    settings = type(bake)(quality=bake.qp, preset=bake.preset)
     still = splats.detach().to("cpu")
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()

@@ -171,7 +171,7 @@ def preview_tags(text: PageText, image: str | None = None) -> list[str]:
 def first_files(manifest: bytes) -> list[str]:
     """Paths of the files with which a player begins: the first group in the rendition of the lowest bandwidth.
 
-    A stream of the profile `planes` and a damaged manifest, which the player reports, have none.
+    A damaged manifest, which the player reports, has none.
     """
     try:
         content = parse_json(manifest)

@@ -67,7 +67,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> B
         notes.append(note)
         entry = GroupEntry.from_dict(note.entry)
         best.append(entry.best)
-        for message in beyond_hardware(entry, float(inputs.raw_footage.fps), settings.codec):
+        for message in beyond_hardware(entry, float(inputs.raw_footage.fps)):
             reporter.warn(message)
         figures = {"splats": entry.best.splats, "bytes": entry.best.bytes, "frames": entry.frame_count}
         reporter.metrics(figures, group=part.index)

@@ -41,11 +41,10 @@ from v3studio.studio.progress import ProgressFn, no_progress
 from v3studio.studio.splat_video import SplatVideo
 from v3studio.studio.stream.layout import component_frames, plane_side
 from v3studio.studio.stream.morton import morton_order
-from v3studio.studio.stream.quantize import quantize
-from v3studio.studio.stream.settings import QP_KNEE
 from v3studio.studio.stream.video import PlaneEncoder, encoding
 
 POSITIONS, NORMALS = 3, 3
+QP_KNEE = 22  # above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")
 _OPACITY = -8  # its index among the attributes
 
 MAX_FRAMES = 1_000_000
@@ -129,6 +128,15 @@ def _encoders(folder: Path, attributes: int, side: int, qp: int) -> list[PlaneEn
         value = 0 if channel in lossless else qp if channel < 2 * POSITIONS else min(qp, QP_KNEE)
         result.append(PlaneEncoder(folder / f"{channel}.mp4", (side, side), value, "medium"))
     return result
+
+
+def quantize(values: np.ndarray, low: float, high: float, levels: int) -> np.ndarray:
+    """Round finite values to uint16 codes of `levels` + 1 (256 or 65536) equally spaced levels from `low` to `high`.
+    Values outside are clamped; if the range is empty, all codes are 0."""
+    if high <= low:
+        return np.zeros(values.shape, dtype=np.uint16)
+    scaled = (values.astype(np.float64) - low) * (levels / (high - low))
+    return np.clip(np.rint(scaled), 0, levels).astype(np.uint16)
 
 
 def _planes(values: np.ndarray, low: np.ndarray, high: np.ndarray, side: int) -> Iterator[np.ndarray]:

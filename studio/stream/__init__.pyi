@@ -1,5 +1,5 @@
-from .decoders import DecodedFrame as DecodedFrame
-from .decoders import GroupDecoder as GroupDecoder
+from .decoder import DecodedFrame as DecodedFrame
+from .decoder import GroupDecoder as GroupDecoder
 from .encode.bake import bake_group as bake_group
 from .encode.bake import bake_sound as bake_sound
 from .encode.write_manifest import write_manifest as write_manifest

@@ -1,21 +1,19 @@
 """The table of what the stream stores of each splat: names, order, bits, steps, and how values become those of splats.
 
-The encoders, the decoders, the manifest and the training losses read it. In `planes`, each number of a splat is a
-*component* with a range; in `motion`, each is a *channel* with a step. `docs/stream.schema.json` has the names, for
-the player. Means and rotations follow blocks that move, in `encode/motion.py` and `decoders/motion.py`.
+Encoder, decoder, manifest and the training losses read it. A splat's own numbers are its *components*; what the stream
+stores of them are *channels*, each with a step. `docs/stream.schema.json` has their names, for the player. Means and
+rotations follow blocks that move, in `encode/group.py` and `decoder.py`.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-VERSION: Final = 4  # of the stream; raised whenever the meaning of its bytes changes
+VERSION: Final = 5  # of the stream; raised whenever the meaning of its bytes changes
 MAX_VALUE = 1e9  # largest magnitude of any value
-
-MAX_LOG_SCALE = math.log(MAX_VALUE)
 
 MAX_SHAPE = 1e4
 """Largest magnitude of a number of a splat's shape, the square root of a size: three of these make a size below 1e9."""
@@ -60,8 +58,8 @@ def from_ycocg(values: np.ndarray) -> np.ndarray:
     return colors
 
 
-QpAttribute = Literal["means_low", "opacities", "scales", "quats", "sh"]
-"""Attributes that can have a QP of their own; `means_low`: the low bytes of the means, or their residuals."""
+QpAttribute = Literal["means", "opacities", "scales", "sh"]
+"""Attributes that can have a QP of their own; `scales` is both scale and rotation."""
 
 
 @dataclass(frozen=True)
@@ -69,31 +67,21 @@ class Attribute:
     """One attribute of a splat."""
 
     name: Literal["means", "quats", "scales", "opacities", "sh"]  # also in the player's arrays
-    label: str
     tensor: str  # in `Gaussians`
     shape: tuple[int, ...]  # of a splat in that tensor; -1: SH coefficients
-    components: tuple[str, ...]  # names in `planes`; {k} stands for each SH coefficient
-    channels: tuple[str, ...]  # names in `motion`, likewise
+    channels: tuple[str, ...]  # names; {k} stands for each SH coefficient
     # of the channels. An error of one step is about equally visible in every channel (found by rendering trained groups
     # with one attribute coarsened at a time). For means, relative to the size of a typical splat; for scales, to its
     # square root
     steps: tuple[float, ...]
-    bits: int = 8  # of a component: 16, in two planes, or 8
-    held: bool = False  # whether `planes` keeps it at QP 22 where the QP is higher (paper, "Compression QP Setting")
-    largest: float = MAX_VALUE  # the largest value of a component that can be rendered
     activate: Values = _same  # activate, inverse: from the tensor to components, and back
     inverse: Values = _same
     # to_channels, from_channels: from components to channels, rows of (..., C, N), and back
     to_channels: Values = _same
     from_channels: Values = _same
 
-    @property
-    def qp_name(self) -> QpAttribute:
-        """Its name in `attribute_qps`."""
-        return "means_low" if self.name == "means" else self.name
-
     def repeats(self, sh_degree: int) -> int:
-        """The number of times that its components and channels occur: once, or once for each SH coefficient."""
+        """The number of times that its channels occur: once, or once for each SH coefficient."""
         return (sh_degree + 1) ** 2 if -1 in self.shape else 1
 
     def tensor_shape(self, splats: int, sh_degree: int) -> list[int]:
@@ -103,70 +91,65 @@ class Attribute:
 
 ATTRIBUTES = (
     Attribute(
-        "means", "positions", "means", (3,),
-        ("mean_x", "mean_y", "mean_z"), ("residual_x", "residual_y", "residual_z"), (0.08,) * 3,
-        bits=16,
+        "means", "means", (3,),
+        ("residual_x", "residual_y", "residual_z"), (0.08,) * 3,
     ),
     Attribute(
-        "quats", "rotation", "quats", (4,),
-        ("quat_w", "quat_x", "quat_y", "quat_z"), (), (),  # shape_xx to shape_yz have both rotation and scale
-        held=True,
+        "quats", "quats", (4,),
+        (), (),  # shape_xx to shape_yz have both rotation and scale
     ),
     Attribute(
-        "scales", "scale", "log_scales", (3,),
-        ("log_scale_0", "log_scale_1", "log_scale_2"),
+        "scales", "log_scales", (3,),
         ("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz"), (0.011,) * 3 + (0.008,) * 3,
-        held=True, largest=MAX_LOG_SCALE,
     ),
     Attribute(
-        "opacities", "opacity", "logit_opacities", (),
-        ("opacity",), ("opacity",), (0.0096,),
+        "opacities", "logit_opacities", (),
+        ("opacity",), (0.0096,),
         activate=_sigmoid, inverse=_logit,
     ),
     Attribute(
-        "sh", "color", "sh", (-1, 3),
-        ("sh_{k}_r", "sh_{k}_g", "sh_{k}_b"), ("sh_{k}_y", "sh_{k}_co", "sh_{k}_cg"), (0.0069, 0.0072, 0.0072),
-        held=True, to_channels=to_ycocg, from_channels=from_ycocg,
+        "sh", "sh", (-1, 3),
+        ("sh_{k}_y", "sh_{k}_co", "sh_{k}_cg"), (0.0069, 0.0072, 0.0072),
+        to_channels=to_ycocg, from_channels=from_ycocg,
     ),
 )  # fmt: skip
 
 BY_NAME: dict[str, Attribute] = {attribute.name: attribute for attribute in ATTRIBUTES}
-NAMES: dict[str, dict[str, list[str]]] = {
-    "motion": {one.name: list(one.channels) for one in ATTRIBUTES},
-    "planes": {name: list(BY_NAME[name].components) for name in ("means", "sh", "opacities", "scales", "quats")},
-}
-"""Channels and components of each attribute, in the order of the manifest. Nothing else depends on this order."""
+NAMES: dict[str, list[str]] = {one.name: list(one.channels) for one in ATTRIBUTES if one.channels}
+"""Channels of each attribute, in the order of the manifest. Nothing else depends on this order."""
 
-_BOUNDS = {name: (-MAX_VALUE, one.largest) for one in ATTRIBUTES for name in one.components}
-_BOUNDS |= dict.fromkeys(BY_NAME["scales"].channels, (-MAX_SHAPE, MAX_SHAPE))
+_COMPONENTS = ("means", "sh", "opacities", "scales", "quats")
 
 
-def value_bounds(name: str) -> tuple[float, float]:
-    """The least and the largest value of a component or channel that can be rendered."""
-    return _BOUNDS.get(name, (-MAX_VALUE, MAX_VALUE))
-
-
-def components(sh_degree: int) -> tuple[tuple[str, Attribute], ...]:
-    """Names of all components, such as mean_x, sh_0_r, opacity, log_scale_0 and quat_w, each with its attribute, in the
-    order of the manifest. SH are coefficient-major."""
-    return tuple((name, BY_NAME[attribute]) for attribute, names in _names("planes", sh_degree) for name in names)
+def value_bounds(channel: str) -> tuple[float, float]:
+    """The least and the largest value of a channel that can be rendered."""
+    most = MAX_SHAPE if channel in BY_NAME["scales"].channels else MAX_VALUE
+    return -most, most
 
 
 def channels(sh_degree: int) -> tuple[str, ...]:
-    """All channels of the profile `motion`, in the order of the manifest."""
-    return tuple(name for _, names in _names("motion", sh_degree) for name in names)
+    """All channels, in the order of the manifest."""
+    return tuple(
+        name.format(k=k)
+        for attribute, names in NAMES.items()
+        for k in range(BY_NAME[attribute].repeats(sh_degree))
+        for name in names
+    )
 
 
-def attribute_rows(profile: str, sh_degree: int) -> dict[str, slice]:
-    """Rows of each attribute that has any among the channels (`motion`) or components (`planes`)."""
+def channel_rows(sh_degree: int) -> dict[str, slice]:
+    """Rows of each attribute among the channels."""
+    return _rows({name: len(names) * BY_NAME[name].repeats(sh_degree) for name, names in NAMES.items()})
+
+
+def component_rows(sh_degree: int) -> dict[str, slice]:
+    """Rows of each attribute among the components, the numbers of its tensor."""
+    return _rows({name: math.prod(BY_NAME[name].tensor_shape(1, sh_degree)) for name in _COMPONENTS})
+
+
+def _rows(sizes: dict[str, int]) -> dict[str, slice]:
     rows, start = {}, 0
-    for attribute, names in _names(profile, sh_degree):
-        rows[attribute] = slice(start, start + len(names))
-        start += len(names)
+    for attribute, size in sizes.items():
+        rows[attribute] = slice(start, start + size)
+        start += size
     return rows
-
-
-def _names(profile: str, sh_degree: int) -> Iterator[tuple[str, list[str]]]:
-    for attribute, names in NAMES[profile].items():
-        if names:
-            yield attribute, [name.format(k=k) for k in range(BY_NAME[attribute].repeats(sh_degree)) for name in names]

@@ -1,24 +1,17 @@
-"""Lays out the numbers of splats in images, takes them from `Gaussians`, and puts them back.
-
-A *plane* is a square luma image with one byte per splat. Means have 16 bits and two planes, all else 8 bits and one
-plane (paper, "Quantization bits setting").
-"""
+"""Sizes of the images that hold the numbers of splats, and these numbers, taken from `Gaussians`."""
 
 import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-import torch
 
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
-from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows
-
-_SHORTEST_QUAT = 1e-6
+from v3studio.studio.stream.attributes import BY_NAME, component_rows
 
 
 def plane_side(splats: int) -> int:
-    """Side of a plane in pixels: the smallest multiple of 8 whose square is at least `splats`."""
+    """Side in pixels of the paper's square images, with a splat per pixel: a multiple of 8."""
     return 8 * math.ceil(math.sqrt(splats) / 8)
 
 
@@ -38,17 +31,8 @@ def tile_grid(tiles: int) -> tuple[int, int]:
     return columns, -(-tiles // columns)
 
 
-def to_plane(codes: np.ndarray, side: int) -> np.ndarray:
-    """(N,) codes, row by row, as a (side, side) plane. The rest repeats the last code, which is cheap to encode."""
-    plane = np.empty(side * side, dtype=np.uint8)
-    plane[: len(codes)] = codes
-    plane[len(codes) :] = codes[-1]
-    return plane.reshape(side, side)
-
-
 def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """The values to quantize, (C, N) float32 in the order of `attributes.components(sh_degree)`, per frame of one
-    group.
+    """The values to quantize, (C, N) float32 with the rows of `attributes.component_rows`, per frame of one group.
 
     Quaternions are normalized and have the sign w >= 0 in the keyframe, then the sign nearest to the previous frame (q
     and -q are the same rotation), so that they are continuous in time. Opacity is linear, scale logarithmic. `order`,
@@ -88,7 +72,7 @@ def component_frames(frames: Iterable[Gaussians], order: np.ndarray | None = Non
                 problem = f"frame {number} of the group has a value in {name} that is not finite"
                 fix = "Train the group again."
                 raise StudioError("gaussians.not_finite", problem, fix=fix, frame=number, attribute=name)
-        rows = attribute_rows("planes", frame.sh_degree)
+        rows = component_rows(frame.sh_degree)
         columns = (BY_NAME[name].activate(arrays[BY_NAME[name].tensor]) for name in rows)
         values = np.concatenate([column.reshape(len(frame), -1).T for column in columns])
         if order is not None:
@@ -107,27 +91,3 @@ def typical_size(log_scales: np.ndarray, extent: float) -> float:
     At least extent / 65535, the finest step of the means, and above 0.
     """
     return max(float(np.exp(np.median(log_scales.mean(axis=0)))), extent / 65535, 1e-9)
-
-
-def scale_floor(typical: float) -> float:
-    """Lower bound of log scales: a sixteenth of the typical size, below which no difference is visible. Without it, one
-    splat of scale 1e-12 would take most of the 256 levels."""
-    return math.log(typical / 16)
-
-
-def component_gaussians(values: np.ndarray, sh_degree: int, dilation: float) -> Gaussians:
-    """The splats of (C, N) values of `component_frames`. Quaternions are as stored: close to unit length, not
-    normalized. One that is too short to describe a rotation, which no baker writes, becomes the identity, its splat
-    invisible."""
-    rows = attribute_rows("planes", sh_degree)
-    arrays = {name: np.ascontiguousarray(values[own].T) for name, own in rows.items()}
-    quats = arrays["quats"]
-    none = np.einsum("ni,ni->n", quats, quats) < _SHORTEST_QUAT**2
-    quats[none] = (1, 0, 0, 0)
-    arrays["opacities"][none] = 0
-    size = values.shape[1], sh_degree
-    columns = {
-        attribute.tensor: attribute.inverse(arrays[attribute.name]).reshape(attribute.tensor_shape(*size))
-        for attribute in ATTRIBUTES
-    }
-    return Gaussians(**{name: torch.from_numpy(array) for name, array in columns.items()}, dilation=dilation)

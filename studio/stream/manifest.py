@@ -11,16 +11,14 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
-    Discriminator,
     Field,
     SerializerFunctionWrapHandler,
-    Tag,
     ValidationError,
     field_validator,
     model_serializer,
@@ -31,9 +29,8 @@ from v3studio.studio.counts import counted, short_repr
 from v3studio.studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
 from v3studio.studio.errors import StudioError, violation
 from v3studio.studio.json_types import JsonObject
-from v3studio.studio.stream.attributes import MAX_VALUE, VERSION, channels, components, value_bounds
-from v3studio.studio.stream.codecs import CODECS, CodecName
-from v3studio.studio.stream.layout import plane_side, tile_side
+from v3studio.studio.stream.attributes import MAX_VALUE, VERSION, channels, value_bounds
+from v3studio.studio.stream.layout import tile_side
 
 FORMAT: Final = "v3studio-stream"
 PAGE_FORMAT: Final = "v3studio-stream-page"
@@ -73,7 +70,6 @@ SplatCount = Annotated[int, Field(ge=1, le=MAX_SPLATS)]
 Decibels = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 RenditionId = Annotated[str, Field(pattern=r"^[a-z0-9-]{1,32}$")]
-Part = Literal["all", "high", "low", "low_mirrored"]
 Pruning = Literal["none", "importance", "fine-tuned"]
 
 _PATH = re.compile(rf"{FILES}/([0-9a-f]{{{NAME_DIGITS}}})\.[a-z0-9]{{1,8}}")
@@ -162,19 +158,9 @@ Checks = Annotated[tuple[LumaCheck, ...], Field(min_length=1, max_length=2)]
 
 
 class VideoEntry(FileEntry):
-    """A video file: QP on the codec's own scale (0 is lossless; informative), and checks of its first and a later
-    image."""
+    """The video: its QP (0 is lossless; informative), and checks of its first and a later image."""
 
-    qp: Annotated[int, Field(ge=0, le=63)]
-    checks: Checks
-
-
-class PlaneEntry(FileEntry):
-    """The video of one plane. `part`: byte of the component: all (8 bits), high, low, or low_mirrored (255 - low where
-    the high byte is odd)."""
-
-    qp: Annotated[int, Field(ge=0, le=63)]
-    part: Part
+    qp: Qp
     checks: Checks
 
 
@@ -209,120 +195,6 @@ class AudioEntry(FileEntry):
 
 
 # Groups
-
-
-class Rendition(Model):
-    """One rendition of a group: an encoding of its frames that can be decoded without any other. `index` and
-    `first_frame`: of the group, as there; `splats`: N, the same in each frame; `bounding_box`: of the means of all its
-    frames; `bytes`: of all its files; `dilation`: see `Gaussians`, left out of the JSON where it is `DILATION`; `qp`:
-    H.264 scale, informative; `psnr_to_trained`: dB, None if not measured."""
-
-    # pixel of splat i in a square: "rows": row i // side, column i % side; "morton": the i-th pixel of the square in
-    # the order of its interleaved column and row bits
-    scan: ClassVar[Literal["morton", "rows"]]
-    codecs: ClassVar[tuple[str, ...]]  # that its videos may have
-
-    index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
-    first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
-    frame_count: FrameCount
-    splats: SplatCount
-    sh_degree: ShDegree
-    bounding_box: Box
-    bytes: Annotated[int, Field(ge=1)]
-    dilation: Annotated[float, Field(ge=MIN_DILATION, le=MAX_DILATION, allow_inf_nan=False)] = DILATION
-    id: RenditionId
-    qp: Qp
-    pruning: Pruning
-    psnr_to_trained: Decibels | None
-
-    @model_serializer(mode="wrap")
-    def _serialize(self, handler: SerializerFunctionWrapHandler) -> JsonObject:
-        values: JsonObject = handler(self)
-        if self.dilation == DILATION:
-            del values["dilation"]
-        # the order of keys is part of the stream's bytes: those of the rendition come after those of the profile
-        for name in ("id", "qp", "pruning", "psnr_to_trained"):
-            values[name] = values.pop(name)
-        return values
-
-    @property
-    def videos(self) -> Sequence[VideoEntry | PlaneEntry]:
-        """Its videos, in the order of the manifest."""
-        raise NotImplementedError
-
-    @property
-    def files(self) -> tuple[FileEntry, ...]:
-        """All its files, in the order that a player needs them."""
-        return tuple(self.videos)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of its videos."""
-        raise NotImplementedError
-
-    @property
-    def end_frame(self) -> int:
-        """Index of the first frame after the group."""
-        return self.first_frame + self.frame_count
-
-    def _check_files(self) -> None:
-        total = sum(file.bytes for file in self.files)
-        _require(self.bytes == total, "bytes_sum", f"bytes is {self.bytes}, but its files have {total} bytes")
-        for video in self.videos:
-            pictures = [check.picture for check in video.checks]
-            ordered = pictures[0] == 0 and sorted(set(pictures)) == pictures and pictures[-1] < self.frame_count
-            _require(ordered, "checks", f"checks are of pictures {pictures} of {self.frame_count}")
-
-
-class ComponentEntry(Model):
-    """One number per splat and its range: value = min + code * (max - min) / (255 or 65535)."""
-
-    name: str
-    min: Number
-    max: Number
-    planes: Annotated[tuple[PlaneEntry, ...], Field(min_length=1, max_length=2)]
-
-    @model_validator(mode="after")
-    def _check(self) -> ComponentEntry:
-        ordered = self.min <= self.max
-        _require(ordered, "range_order", f"minimum {self.min} of {self.name} exceeds its maximum {self.max}")
-        most = value_bounds(self.name)[1]
-        _require(self.max <= most, "value_range", f"maximum {self.max:g} of {self.name[:40]} exceeds {most:g}")
-        return self
-
-
-class PlanesRendition(Rendition):
-    """A rendition of a group in the profile `planes`, with its components in the order of
-    `attributes.components(sh_degree)`. `side` of the planes in pixels: the smallest multiple of 8 with side^2 >= N."""
-
-    scan, codecs = "rows", ("h264",)
-
-    side: Annotated[int, Field(ge=8)]
-    components: Annotated[tuple[ComponentEntry, ...], Field(max_length=64)]
-
-    @model_validator(mode="after")
-    def _check(self) -> PlanesRendition:
-        side = plane_side(self.splats)
-        _require(self.side == side, "plane_side", f"side is {self.side}; {self.splats} splats require {side}")
-        wanted = components(self.sh_degree)
-        names = tuple(name for name, _ in wanted)
-        own_names = tuple(entry.name for entry in self.components)
-        _require(own_names == names, "components", f"components do not match SH degree {self.sh_degree} and its order")
-        for entry, (_, attribute) in zip(self.components, wanted, strict=True):
-            parts = tuple(plane.part for plane in entry.planes)
-            allowed = (("all",),) if attribute.bits == 8 else (("high", "low"), ("high", "low_mirrored"))
-            choices = " or ".join(map(str, allowed))
-            _require(parts in allowed, "parts", f"{entry.name} has planes {parts}; expected {choices}")
-        self._check_files()
-        return self
-
-    @property
-    def videos(self) -> tuple[PlaneEntry, ...]:
-        return tuple(plane for component in self.components for plane in component.planes)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.side, self.side
 
 
 class ChannelEntry(Model):
@@ -364,14 +236,22 @@ class BlockTable(Model):
     rotation_step: Step
 
 
-class MotionRendition(Rendition):
-    """A rendition of a group in the profile `motion`, with its `channels` in the order of
-    `attributes.channels(sh_degree)`. `tile`: side of a channel's tile in pixels, the smallest multiple of 16 with
-    tile^2 >= N; channel c is the tile in row c // `columns`, column c % `columns`; `positions`: quantization of the
-    keyframe's means."""
+class Rendition(Model):
+    """One rendition of a group: an encoding of its frames that can be decoded without any other. `index` and
+    `first_frame`: of the group, as there; `splats`: N, the same in each frame; `bounding_box`: of the means of all its
+    frames; `bytes`: of all its files; `dilation`: see `Gaussians`, left out of the JSON where it is `DILATION`; `qp`:
+    informative; `psnr_to_trained`: dB, None if not measured; `channels`: in the order of `attributes.channels`; `tile`:
+    side of a channel's tile in pixels, the smallest multiple of 16 with tile^2 >= N; channel c is the tile in row
+    c // `columns`, column c % `columns`; `positions`: quantization of the keyframe's means."""
 
-    scan, codecs = "morton", tuple(CODECS)
-
+    index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
+    first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
+    frame_count: FrameCount
+    splats: SplatCount
+    sh_degree: ShDegree
+    bounding_box: Box
+    bytes: Annotated[int, Field(ge=1)]
+    dilation: Annotated[float, Field(ge=MIN_DILATION, le=MAX_DILATION, allow_inf_nan=False)] = DILATION
     tile: Annotated[int, Field(ge=16)]
     columns: Annotated[int, Field(ge=1, le=64)]
     rows: Annotated[int, Field(ge=1, le=64)]
@@ -380,9 +260,13 @@ class MotionRendition(Rendition):
     channels: Annotated[tuple[ChannelEntry, ...], Field(max_length=64)]
     video: VideoEntry
     side: SideEntry
+    id: RenditionId
+    qp: Qp
+    pruning: Pruning
+    psnr_to_trained: Decibels | None
 
     @model_validator(mode="after")
-    def _check(self) -> MotionRendition:
+    def _check(self) -> Rendition:
         tile = tile_side(self.splats)
         _require(self.tile == tile, "tile_side", f"tile is {self.tile}; {self.splats} splats require {tile}")
         wanted, own_names = channels(self.sh_degree), tuple(entry.name for entry in self.channels)
@@ -402,35 +286,34 @@ class MotionRendition(Rendition):
             "block_radius",
             f"the blocks' radius is {radius:g}; a millionth of the positions' extent is {span / 1e6:g}",
         )
-        self._check_files()
+        total = self.video.bytes + self.side.bytes
+        _require(self.bytes == total, "bytes_sum", f"bytes is {self.bytes}, but its files have {total} bytes")
+        pictures = [check.picture for check in self.video.checks]
+        ordered = pictures[0] == 0 and sorted(set(pictures)) == pictures and pictures[-1] < self.frame_count
+        _require(ordered, "checks", f"checks are of pictures {pictures} of {self.frame_count}")
         return self
+
+    @model_serializer(mode="wrap")
+    def _serialize(self, handler: SerializerFunctionWrapHandler) -> JsonObject:
+        values: JsonObject = handler(self)
+        if self.dilation == DILATION:
+            del values["dilation"]
+        return values
 
     @property
     def size(self) -> tuple[int, int]:
+        """Width and height of its video."""
         return self.columns * self.tile, self.rows * self.tile
 
     @property
-    def videos(self) -> tuple[VideoEntry]:
-        return (self.video,)
-
-    @property
     def files(self) -> tuple[FileEntry, ...]:
-        """Side file, then video."""
+        """Side file, then video, as a player needs them."""
         return self.side, self.video
 
-
-PROFILES: Final[dict[str, type[Rendition]]] = {"motion": MotionRendition, "planes": PlanesRendition}
-_TAGS = ("<motion>", "<planes>")  # pydantic puts them into the location of an error; `invalid` removes them
-
-
-def _tag(values: Any) -> str:
-    planes = "components" in values if isinstance(values, dict) else isinstance(values, PlanesRendition)
-    return _TAGS[planes]
-
-
-AnyRendition: TypeAlias = Annotated[
-    Annotated[MotionRendition, Tag(_TAGS[0])] | Annotated[PlanesRendition, Tag(_TAGS[1])], Discriminator(_tag)
-]
+    @property
+    def end_frame(self) -> int:
+        """Index of the first frame after the group."""
+        return self.first_frame + self.frame_count
 
 
 class GroupEntry(Model):
@@ -440,7 +323,7 @@ class GroupEntry(Model):
     index: Annotated[int, Field(ge=0, lt=MAX_GROUPS)]
     first_frame: Annotated[int, Field(ge=0, lt=MAX_FRAMES)]
     frame_count: FrameCount
-    renditions: Annotated[tuple[AnyRendition, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
+    renditions: Annotated[tuple[Rendition, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
 
     @model_validator(mode="after")
     def _check(self) -> GroupEntry:
@@ -489,14 +372,6 @@ class Page(Model):
 # The stream
 
 
-class Codec(Model):
-    """The encoding of the videos."""
-
-    name: CodecName
-    pixel_format: Literal["yuv420p"]
-    color_range: Literal["full"]
-
-
 class RenditionEntry(Model):
     """A rendition over the whole stream. `qp`, `splats`: the largest of its groups; `psnr_to_trained`: dB, mean over
     the measured frames, None if not measured; `bytes`: sum over its groups; `bandwidth`: bits per second at which its
@@ -513,19 +388,16 @@ class RenditionEntry(Model):
 
 
 class Manifest(Model):
-    """The manifest as stored. `frame_count`, `bounding_box`: over all groups; `scan`: as of `Rendition`; `live`: groups
-    are still being added; `renditions`: the best first, every group has them all; `groups`: the first ones, from frame
-    0; `pages`: where the others are; `settings`: of the bake, informative; `metadata`: free-form, see
-    `metadata.StreamMetadata`, each at most 16 levels deep and 1 MiB; `total_bytes`: of all files of the stream, each
-    once, including the manifest; `manifest_sha256`: of the manifest's bytes with these 64 digits replaced by zeros."""
+    """The manifest as stored. `frame_count`, `bounding_box`: over all groups; `live`: groups are still being added;
+    `renditions`: the best first, every group has them all; `groups`: the first ones, from frame 0; `pages`: where
+    the others are; `settings`: of the bake, informative; `metadata`: free-form, see `metadata.StreamMetadata`, each
+    at most 16 levels deep and 1 MiB; `total_bytes`: of all files of the stream, each once, including the manifest;
+    `manifest_sha256`: of the manifest's bytes with these 64 digits replaced by zeros."""
 
     format: Literal["v3studio-stream"] = FORMAT
     version: Literal[VERSION] = VERSION  # type: ignore[valid-type]
-    profile: Literal["motion", "planes"]
     fps: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     frame_count: Annotated[int, Field(ge=1, le=MAX_FRAMES)]
-    scan: Literal["morton", "rows"]
-    codec: Codec
     bounding_box: Box
     live: bool = False
     renditions: Annotated[tuple[RenditionEntry, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
@@ -552,11 +424,6 @@ class Manifest(Model):
 
     @model_validator(mode="after")
     def _check(self) -> Manifest:
-        profile = PROFILES[self.profile]
-        _require(self.scan == profile.scan, "scan", f"profile {self.profile} requires scan {profile.scan}")
-        known = self.codec.name in profile.codecs
-        choices = " or ".join(profile.codecs)
-        _require(known, "codec", f"profile {self.profile} requires codec {choices}, not {self.codec.name}")
         ids = {rendition.id for rendition in self.renditions}
         _require(len(ids) == len(self.renditions), "rendition_ids", "two renditions have the same id")
         self.check_groups(self.groups, 0, 0)
@@ -576,8 +443,7 @@ class Manifest(Model):
 
     def check_groups(self, groups: Sequence[GroupEntry], number: int, frame: int) -> None:
         """Raises InconsistentError unless these groups follow each other from group `number` and frame `frame` on, and
-        have the stream's profile and renditions."""
-        kind = PROFILES[self.profile]
+        have the stream's renditions."""
         for group in groups:
             _require(
                 (group.index, group.first_frame) == (number, frame),
@@ -589,7 +455,6 @@ class Manifest(Model):
             _require(same, "rendition_ids", f"group {number} does not have the stream's renditions")
             for rendition, stream in zip(group.renditions, self.renditions, strict=True):
                 where = f"rendition {rendition.id} of group {number}"
-                _require(isinstance(rendition, kind), "profile", f"{where} does not have the profile {self.profile}")
                 same = rendition.sh_degree == stream.sh_degree
                 _require(same, "sh_degree", f"{where} has SH degree {rendition.sh_degree}; expected {stream.sh_degree}")
                 fits = rendition.splats <= stream.splats
@@ -624,7 +489,7 @@ def invalid(error: ValidationError, file: str, fix: str) -> StudioError:
     of the inconsistent object ("" for the whole file), and `rule`, the violated one (pydantic's, or of an
     `InconsistentError`)."""
     first = error.errors(include_url=False)[0]
-    location = ".".join(str(part) for part in first["loc"] if part not in _TAGS)
+    location = ".".join(str(part) for part in first["loc"])
     message, rule = violation(first), first["type"]
     value: str | None = None
     ending = ""

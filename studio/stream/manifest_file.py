@@ -111,8 +111,7 @@ def seal(manifest: Manifest, groups: Sequence[GroupEntry]) -> tuple[Manifest, by
 def check_growth(old: Manifest, new: Manifest, name: str) -> None:
     """Raises StudioError unless a live stream's new manifest only adds groups to the old one."""
     kept = old.frame_counts
-    fixed = ("profile", "fps", "scan", "codec")
-    changed = [key for key in fixed if getattr(old, key) != getattr(new, key)]
+    changed = ["fps"] if old.fps != new.fps else []
     if [rendition.id for rendition in old.renditions] != [rendition.id for rendition in new.renditions]:
         changed.append("renditions")
     same = all(before.files == after.files for before, after in zip(old.groups, new.groups, strict=False))

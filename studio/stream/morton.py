@@ -1,4 +1,4 @@
-"""Morton order: splats close in space become neighbors on the planes (paper, "Morton Sort")."""
+"""Morton order: splats close in space become neighbors in the image (paper, "Morton Sort")."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def interleave(cells: np.ndarray) -> np.ndarray:
 
 
 def morton_order(points: np.ndarray) -> np.ndarray:
-    """The order of (N, 3) finite positions on the planes, (N,) int64: `points[morton_order(points)]` is sorted.
+    """The order of (N, 3) finite positions in the image, (N,) int64: `points[morton_order(points)]` is sorted.
     Coordinates are scaled to 2^21 cells by the longest side of the bounding box, so that cells are cubes. Equal codes
     keep the order of the input, so the result depends on the points only."""
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The side file of the profile `motion`: everything that is not in the video. Shared by encoder and decoder."""
+"""The side file: everything that is not in the video. Shared by encoder and decoder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from v3studio.studio.rotations import mrp_to_quats
 from v3studio.studio.stream.attributes import MAX_VALUE, value_bounds
-from v3studio.studio.stream.manifest import BlockTable, ChannelEntry, Lattice, MotionRendition
+from v3studio.studio.stream.manifest import BlockTable, ChannelEntry, Lattice, Rendition
 from v3studio.studio.stream.morton import deinterleave
 from v3studio.studio.stream.motion_blocks import Blocks
 from v3studio.studio.stream.sidefile import Cursor, decode_octree, deflate, encode_octree, inflate, split
@@ -69,7 +69,7 @@ class Side:
         return deflate(parts), sum(map(len, parts))
 
     @classmethod
-    def parse(cls, data: bytes, group: MotionRendition) -> Side:
+    def parse(cls, data: bytes, group: Rendition) -> Side:
         """Inverse of `to_bytes`. Raises ValueError: the bytes do not match the manifest."""
         cursor = Cursor(inflate(data, group.side.raw_bytes))
         splats, blocks, moved = group.splats, group.blocks.count, group.frame_count - 1

@@ -13,7 +13,7 @@ from pathlib import Path
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.memory_cache import OnDemand
-from v3studio.studio.stream.decoders import GroupDecoder, open_decoder
+from v3studio.studio.stream.decoder import GroupDecoder
 from v3studio.studio.stream.group_index import GroupIndex
 from v3studio.studio.stream.manifest import (
     MANIFEST_NAME,
@@ -64,8 +64,6 @@ class StreamReader:
         self._manifest_name = f"{source.name}/{MANIFEST_NAME}"
         self.index = self._indexed(data)
         self.manifest_bytes = data
-        self._threads = os.cpu_count() or 1
-        self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="decode")
         self._lock = threading.Lock()
         self._decoder: GroupDecoder | None = None
         self._files: tuple[Rendition, dict[str, bytes]] | None = None
@@ -220,8 +218,7 @@ class StreamReader:
 
     def open_group(self, group: Rendition, files: Mapping[str, bytes] | None = None) -> GroupDecoder:
         """A decoder at the first frame of the group, from `files` as `fetch` returns them, or fetched now."""
-        files = files or self.fetch(group)
-        return open_decoder(group, files, self._pool, self.source.name, self.manifest.codec.name, self._threads)
+        return GroupDecoder(group, files or self.fetch(group), self.source.name, os.cpu_count() or 1)
 
     def gaussians(self, frame: int) -> Gaussians:
         """One frame, 0-based. The next frame costs one decoded image; seeking decodes from the group's keyframe.
@@ -260,12 +257,11 @@ class StreamReader:
             self.source.close()
 
     def close(self) -> None:
-        """Release decoders and threads."""
+        """Release the decoder."""
         self.end_reads()  # before taking the lock: a thread that waits for the source holds it
         with self._lock:
             self._drop_decoder()
             self._files = None
-        self._pool.shutdown(wait=True)
 
     def __enter__(self) -> StreamReader:
         return self

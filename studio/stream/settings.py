@@ -1,4 +1,4 @@
-"""Settings of baking: profile, codec, quality, and the QP of each attribute."""
+"""Settings of baking: quality, and the QP of each attribute."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.settings import Affects, Conflict, Empty, Heading, Settings, Unbounded
-from v3studio.studio.stream.attributes import Attribute, QpAttribute
-from v3studio.studio.stream.codecs import CODECS, QP_MAX, CodecName, Preset
+from v3studio.studio.stream.attributes import QpAttribute
 
-QP_KNEE = 22  # above this QP the paper keeps color, scale and rotation at it ("Compression QP Setting")
+Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
+
+QP_MAX = 51  # of H.264
 
 QP = Annotated[int, Field(ge=0, le=QP_MAX)]
 
@@ -110,39 +111,28 @@ class BakeSettings(Settings):
 
     affects: ClassVar[Affects | None] = Affects("videos")
 
-    profile: Annotated[Literal["motion", "planes"], Heading("Size and quality")] = "motion"
-    """motion: block motion and one small residual video (docs/STREAM.md). planes: the paper's, one video per attribute
-    component."""
-
-    quality: Quality = 22
+    quality: Annotated[Quality, Heading("Size and quality")] = 22
     """Size or quality, in one of three ways. A QP (quantization parameter) from 0, lossless, to 51: higher is smaller
     and coarser. A level, draft, good, fine or transparent, or a number such as 41 dB: per group, the highest QP at
     which decoded frames have a PSNR of 36, 39, 42 or 45 dB, or that number, against the trained ones, rendered from
     training cameras. A size such as 40 KB: per group, the lowest QP at which the files take less than this many
     kilobytes (1000 bytes) per frame."""
 
-    codec: Annotated[CodecName, Heading("Encoding")] = "h264"
-    """h264 plays on every device. The others require profile motion."""
-
-    attribute_qps: Annotated[dict[QpAttribute, QP], Empty("as quality")] = Field(default={})
-    """QPs of single attributes, overriding quality; example: {opacities: 26}. In profile planes, means_low is the low
-    bytes of the means; in motion, it is the residuals of the means, and scales is both scale and rotation."""
+    attribute_qps: Annotated[dict[QpAttribute, QP], Heading("Encoding"), Empty("as quality")] = Field(default={})
+    """QPs of single attributes, overriding quality; example: {opacities: 26}. means is the residuals of the means,
+    scales is both scale and rotation."""
 
     preset: Preset = "medium"
     """Encoder effort: slower presets produce smaller files."""
 
     b_frames: Annotated[Annotated[int, Field(ge=0, le=7)] | None, Empty("automatic")] = None
-    """Profile motion: B-frames between P-frames, each predicted from the images before and after it. They save a
-    tenth to a third of the bytes. null: 5 with codecs h264 and hevc, otherwise none."""
+    """B-frames between P-frames, each predicted from the images before and after it. They save a tenth to a third of
+    the bytes. null: 5."""
 
     smooth_paths: Annotated[bool | None, Empty("automatic")] = None
-    """Profile motion: smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
+    """Smooth each splat's position, rotation, size, opacity and color over the group, as strongly as
     its own path shows jitter (docs/STREAM.md). null: yes, except with a quality of 0, and in groups that reach their
     level only without it."""
-
-    mirror_low_bytes: bool = True
-    """Profile planes: reverse the low bytes of the means where the high byte is odd, so that they do not jump from 255
-    to 0. false: plain low bytes, as in the paper."""
 
     ladder: Annotated[tuple[Rung, ...], Field(max_length=16), Heading("Network"), Empty("none")] = ()
     """Renditions of the stream, the best first, each with qp, splats (share of the splats that are kept),
@@ -164,30 +154,6 @@ class BakeSettings(Settings):
             raise Conflict(problem, "Set quality to a QP.", "ladder", "quality")
         if len({rung.id for rung in self.ladder}) < len(self.ladder):
             raise Conflict("two rungs of the ladder are the same", "Remove one of them.", "ladder")
-        codec = CODECS[self.codec]
-        if codec.lossless is None and any(rung.qp == 0 for rung in self.ladder):
-            problem = f"qp 0 (lossless) is not available with codec {self.codec}"
-            raise Conflict(problem, "Raise the rung's qp to 1.", "codec", "ladder")
-        if self.b_frames and (self.profile == "planes" or not codec.takes_b_frames):
-            problem = "b_frames require profile motion with codec h264 or hevc"
-            raise Conflict(
-                problem, "Set b_frames to null.", "b_frames", "profile" if self.profile == "planes" else "codec"
-            )
-        if self.smooth_paths and self.profile == "planes":
-            raise Conflict(
-                "smooth_paths requires profile motion", "Set smooth_paths to null.", "smooth_paths", "profile"
-            )
-        if self.profile == "motion" and "quats" in self.attribute_qps:
-            problem = (
-                "a QP of quats requires profile planes: in motion, scales is the QP of rotation and scale together"
-            )
-            raise Conflict(problem, "Remove quats from attribute_qps.", "attribute_qps", "profile")
-        if self.profile == "planes" and self.codec != "h264":
-            problem = f"codec {self.codec} requires profile motion"
-            raise Conflict(problem, "Set profile to motion or codec to h264.", "codec", "profile")
-        if codec.lossless is None and self.qp == 0:
-            problem = f"quality 0 (lossless) is not available with codec {self.codec}"
-            raise Conflict(problem, "Set quality to 1, or codec to h264 or hevc.", "codec", "quality")
         return self
 
     @property
@@ -211,11 +177,6 @@ class BakeSettings(Settings):
         value, _, own = self.quality.partition(" ")
         return float(value) if own == unit else None
 
-    def attribute_qp(self, attribute: Attribute) -> int:
-        """QP of an attribute in the profile `planes`; that of the high bytes of the means is 0."""
-        usual = min(self.qp, QP_KNEE) if attribute.held else self.qp
-        return self.attribute_qps.get(attribute.qp_name, usual)
-
     @property
     def rungs(self) -> tuple[Rung, ...]:
         """The ladder; without one, a single rung by `qp`."""
@@ -224,8 +185,6 @@ class BakeSettings(Settings):
     @property
     def b_frame_count(self) -> int:
         """B-frames between P-frames, by the settings or by default."""
-        if not CODECS[self.codec].takes_b_frames:
-            return 0
         return _B_FRAMES if self.b_frames is None else self.b_frames
 
     @property
@@ -235,24 +194,18 @@ class BakeSettings(Settings):
 
     def at_qp(self, qp: int) -> BakeSettings:
         """Return these settings with a QP as the quality."""
-        smooth = {"smooth_paths": self.smooths_paths} if self.profile == "motion" else {}
-        return self.replace(quality=qp, **smooth)
+        return self.replace(quality=qp, smooth_paths=self.smooths_paths)
 
     def to_dict(self) -> JsonObject:
         """JSON-ready, for the manifest. The order of keys is part of the stream's bytes."""
         ladder = {"ladder": [rung.model_dump(mode="json") for rung in self.ladder]} if self.ladder else {}
-        coding: JsonObject = {}
-        if self.profile == "motion":
-            coding = {"b_frames": self.b_frame_count, "smooth_paths": self.smooths_paths}
         return {
-            "profile": self.profile,
             "qp": self.qp,
             "attribute_qps": dict(sorted(self.attribute_qps.items())),
             "target_kb_per_frame": self.target_kb_per_frame,
             "target_psnr": self.target_psnr,
-            "codec": self.codec,
             "preset": self.preset,
-            "mirror_low_bytes": self.mirror_low_bytes,
-            **coding,
+            "b_frames": self.b_frame_count,
+            "smooth_paths": self.smooths_paths,
             **ladder,
         }

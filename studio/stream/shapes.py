@@ -1,4 +1,4 @@
-"""Shape of a splat as one symmetric matrix, which the profile `motion` stores.
+"""Shape of a splat as one symmetric matrix, which the stream stores.
 
 A splat with rotation R and scales s has the matrix M = R diag(sqrt(s)) R^T, and its covariance is M^4. Unlike rotation
 and scales, M does not depend on how the axes are named, is similar for neighbors on a surface, and changes little where

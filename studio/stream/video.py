@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from v3studio.studio.errors import StudioError
-from v3studio.studio.process import kept_scheduling, logged
-from v3studio.studio.stream.codecs import CODECS, PLANE_CODEC
+from v3studio.studio.process import logged
 from v3studio.studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
@@ -40,6 +39,10 @@ def _bytes_of(plane: Any) -> np.ndarray:
     return np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
 
 
+# One I frame. Psychovisual tuning (psy) helps images, not numbers. Scene cut detection would insert more I frames.
+_PARAMETERS = "keyint=infinite:scenecut=0:bframes={b}:psy=0:threads=1:lookahead-threads=1:log=0"
+# One image of many tiles: deblocking blurs across tiles, and a finer I frame does not pay off (measured).
+_TILES = ":no-deblock=1:ipratio=1.0"
 # Adaptive placement sees noise and chooses no B-frames at all: force them.
 _B_FRAMES = ":b-adapt=0:pbratio=1.3"
 
@@ -52,15 +55,12 @@ class PlaneEncoder:
     container has neither dates nor library versions; x264 writes its own version into the bitstream.
 
     Args:
-        qp: on the H.264 scale.
-        preset: one of `codecs.PRESETS`.
-        tiles: codec of an image of many tiles; None for a plane of the profile `planes`.
+        qp: quantization parameter, 0 to 51.
+        preset: x264's name of its effort.
         b_frames: B-frames between P-frames, each predicted from the one before and the one after. The file then has
-            the images in another order than that of display; decoders return the order of display. Only of a codec
-            that `takes_b_frames`. At most the number of images minus 2: x265 gives the packets of shorter videos time
-            stamps that are not defined, which MP4 does not take.
-        fps: frames per second that the level is chosen for; the file then also has a `colr` box. None, for VideoGS: the
-            level for `NOMINAL_FPS`, and no such box.
+            the images in another order than that of display; decoders return the order of display.
+        fps: frames per second that the level is chosen for; the file then also has a `colr` box. None, for VideoGS:
+            images without tiles, the level for `NOMINAL_FPS`, and no such box.
     """
 
     def __init__(
@@ -69,25 +69,18 @@ class PlaneEncoder:
         size: tuple[int, int],
         qp: int,
         preset: str,
-        tiles: str | None = None,
         b_frames: int = 0,
         fps: float | None = None,
     ) -> None:
         import av
 
-        codec = PLANE_CODEC if tiles is None else CODECS[tiles]
-        options = codec.lossless if qp == 0 else codec.options
-        assert options is not None
-        assert b_frames == 0 or codec.takes_b_frames
-        if tiles == "av1":
-            os.environ.setdefault("SVT_LOG", "1")  # errors only: the library ignores FFmpeg's log level
         self._width = size[0]
         self._frames = 0
         # bitexact: no "Lavf" tag. faststart: index before the data, so that playback can start early.
         own = {"fflags": "+bitexact", "movflags": "+faststart"}
         self._out = av.open(str(path), "w", format="mp4", options=own)
         rate = NOMINAL_FPS if fps is None else Fraction(fps).limit_denominator(1001)
-        stream: Any = self._out.add_stream(codec.encoder, rate=rate)
+        stream: Any = self._out.add_stream("libx264", rate=rate)
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
         context = stream.codec_context
@@ -95,12 +88,10 @@ class PlaneEncoder:
         if fps is not None:  # the muxer writes `colr` if these are known; luma does not depend on them
             context.color_primaries = context.color_trc = context.colorspace = _BT709
         context.thread_count = 1
-        if codec.tag is not None:
-            context.codec_tag = codec.tag
-        values = {"qp": codec.own_qp(qp), "preset": codec.own_preset(preset)}
-        values["b"] = f"{b_frames}{_B_FRAMES}" if b_frames > 0 else "0"
-        context.options = {name: text.format_map(values) for name, text in options.items()}
-        _LOG.debug("FFmpeg's %s encoder of %s: %dx%d, %s", codec.encoder, path, *size, context.options)
+        parameters = _PARAMETERS.format(b=f"{b_frames}{_B_FRAMES}" if b_frames > 0 else "0")
+        parameters += "" if fps is None else _TILES
+        context.options = {"preset": preset, "qp": str(qp), "x264-params": parameters}
+        _LOG.debug("x264 for %s: %dx%d, %s", path, *size, context.options)
         self._stream = stream
         self._picture = av.VideoFrame(*size, "yuv420p")
         for plane in self._picture.planes[1:]:
@@ -112,10 +103,7 @@ class PlaneEncoder:
         _bytes_of(luma)[:, : self._width] = plane
         self._picture.pts = self._frames
         self._frames += 1
-        # SVT-AV1 starts with the first image
-        with kept_scheduling() if self._frames == 1 else contextlib.nullcontext():
-            packets = self._stream.encode(self._picture)
-        for packet in packets:
+        for packet in self._stream.encode(self._picture):
             self._out.mux(packet)
 
     def close(self) -> None:
@@ -150,15 +138,13 @@ the information, and `PlaneDecoder` checks each image."""
 
 
 class PlaneDecoder:
-    """Decodes one video, held in memory, frame by frame in order; size, most images and codec are from the manifest.
+    """Decodes one video, held in memory, frame by frame in order; size and most images are from the manifest.
 
-    More than one of `threads` decode several images in parallel. StudioError if it is not an MP4 of that codec and
-    image size, or has more images.
+    More than one of `threads` decode several images in parallel. StudioError if it is not an MP4 with H.264 of
+    that size, or has more images.
     """
 
-    def __init__(
-        self, data: bytes, name: str, size: tuple[int, int], pictures: int, codec: str = "h264", threads: int = 1
-    ) -> None:
+    def __init__(self, data: bytes, name: str, size: tuple[int, int], pictures: int, threads: int = 1) -> None:
         import av
 
         self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
@@ -172,17 +158,14 @@ class PlaneDecoder:
             context = stream.codec_context
             if context is None:  # a codec unknown to FFmpeg
                 raise ValueError("unknown codec")
-            found_codec, found_size = context.codec.canonical_name, (context.width, context.height)
+            found = context.codec.canonical_name, context.width, context.height
         except self._errors as error:
             self.close()
             raise damaged("stream.video_unreadable", f"not a readable MP4 video ({error})", name) from None
-        if found_codec != codec or found_size != size:
+        if found != (expected := ("h264", *size)):
             self.close()
-            problem = (
-                f"{found_codec} video of {found_size[0]}x{found_size[1]}; the manifest says {codec} of "
-                f"{size[0]}x{size[1]}"
-            )
-            raise damaged("stream.wrong_video", problem, name, (found_codec, *found_size), expected=(codec, *size))
+            problem = f"{found[0]} video of {found[1]}x{found[2]}; it must be h264 of {size[0]}x{size[1]}"
+            raise damaged("stream.wrong_video", problem, name, found, expected=expected)
         if stream.frames > pictures:  # a group that costs more than its manifest promises
             count = stream.frames
             self.close()

@@ -8,9 +8,9 @@ from torch import Tensor
 
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.progress import ProgressFn, no_progress
-from v3studio.studio.stream.planes_coding import PlanesCoding
 from v3studio.studio.training.adam import Adam, ParameterGroup
 from v3studio.studio.training.coded_loss import CodedLoss
+from v3studio.studio.training.coded_values import CodedValues
 from v3studio.studio.training.hashgrid import HashGrid
 from v3studio.studio.training.keyframe import scene_extent
 from v3studio.studio.training.motion import MotionField, predicted_means
@@ -142,7 +142,7 @@ def _fine_tune(
     optimizer = SplatOptimizer(warped, rates, extent, train_means=settings.finetune_means)
     stepper = Stepper(views, settings, generator)
     refinement = Refinement(stepper, settings, keyframe_off or 0.0)
-    coding = PlanesCoding(previous)
+    coding = CodedValues(previous)
     before = coding.coded_values(previous).detach()
     weights = settings.entropy_weight, settings.temporal_weight
     coded = CodedLoss(before, coding.steps(before), coding.attributes, coding.pixels, *weights)

@@ -82,8 +82,6 @@ function readManifest(source) {
   need(text.split(manifest.manifest_sha256).length === 2, "manifest_sha256 occurs more than once");
   const zeroed = Buffer.from(text.replace(manifest.manifest_sha256, "0".repeat(64)), "latin1");
   need(sha256(zeroed) === manifest.manifest_sha256, "manifest.json is damaged");
-  need(["motion", "planes"].includes(manifest.profile), "unknown profile", manifest.profile);
-  need(manifest.scan === (manifest.profile === "motion" ? "morton" : "rows"), "wrong scan", manifest.scan);
   need(manifest.fps > 0 && manifest.fps <= 1000, "wrong fps", manifest.fps);
   return manifest;
 }
@@ -118,17 +116,14 @@ function allGroups(source, manifest) {
   return groups;
 }
 
-const filesOf = (rendition) =>
-  rendition.components ? rendition.components.flatMap((component) => component.planes) : [rendition.side, rendition.video];
+const filesOf = ({ side, video }) => [side, video];
 const sum = (values) => values.reduce((total, value) => total + value, 0);
 const isBox = ({ min, max }) => min.every((low, k) => finite(low) && finite(max[k]) && low <= max[k]);
 const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
 
 /** Everything that the manifest says beside what frames are decoded from. */
 function checkRest(source, manifest, groups) {
-  const { codec, audio, fps } = manifest;
-  need(["h264", ...(manifest.profile === "motion" ? ["hevc", "av1"] : [])].includes(codec.name), "codec", codec.name);
-  need(codec.pixel_format === "yuv420p" && codec.color_range === "full", "codec", codec);
+  const { audio, fps } = manifest;
   need(typeof manifest.live === "boolean" && isBox(manifest.bounding_box), "live or bounding_box");
   need(isObject(manifest.settings) && isObject(manifest.metadata), "settings or metadata");
   const files = [...manifest.pages];
@@ -200,7 +195,7 @@ function readVideo(source, lumaFolder, video, width, height, frames) {
   return pictures;
 }
 
-// Profile "motion".
+// A rendition of a group.
 
 class Side {
   constructor(bytes) {
@@ -304,7 +299,7 @@ function readSide(rendition, bytes) {
   return { cells, labels, classes, motions, turns, escapes };
 }
 
-function motionNames(degree) {
+function channelNames(degree) {
   const names = ["residual_x", "residual_y", "residual_z"];
   names.push("shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz", "opacity");
   for (let k = 0; k < (degree + 1) ** 2; k++) names.push(`sh_${k}_y`, `sh_${k}_co`, `sh_${k}_cg`);
@@ -347,9 +342,9 @@ function covariance(a) {
   return [dot(0, 0), dot(1, 1), dot(2, 2), dot(0, 1), dot(0, 2), dot(1, 2)];
 }
 
-function* motionFrames(source, lumaFolder, rendition) {
+function* decodedFrames(source, lumaFolder, rendition) {
   const { splats: n, tile, columns, rows, positions, blocks, channels, frame_count: frames } = rendition;
-  const names = motionNames(rendition.sh_degree);
+  const names = channelNames(rendition.sh_degree);
   need(names.every((name, c) => channels[c]?.name === name), "wrong channels"); // others that follow are not read
   need(tile % 16 === 0 && tile * tile >= n && (tile === 16 || (tile - 16) ** 2 < n), "wrong tile", tile);
   need(columns * rows >= channels.length, "picture has too few tiles");
@@ -394,49 +389,9 @@ function* motionFrames(source, lumaFolder, rendition) {
   }
 }
 
-// Profile "planes".
-
-function planesNames(degree) {
-  const names = ["mean_x", "mean_y", "mean_z"];
-  for (let k = 0; k < (degree + 1) ** 2; k++) names.push(`sh_${k}_r`, `sh_${k}_g`, `sh_${k}_b`);
-  return names.concat(["opacity", "log_scale_0", "log_scale_1", "log_scale_2", "quat_w", "quat_x", "quat_y", "quat_z"]);
-}
-
-function* planesFrames(source, lumaFolder, rendition) {
-  const { splats: n, side, components, frame_count: frames } = rendition;
-  const names = planesNames(rendition.sh_degree);
-  need(names.every((name, c) => components[c]?.name === name), "wrong components");
-  need(side % 8 === 0 && side * side >= n && (side === 8 || (side - 8) ** 2 < n), "wrong side", side);
-  const pictures = components.map(({ planes }) =>
-    Object.fromEntries(planes.map((video) => [video.part, readVideo(source, lumaFolder, video, side, side, frames)])),
-  );
-  const coefficients = 3 * (rendition.sh_degree + 1) ** 2;
-  const size = 10 + coefficients;
-  for (let t = 0; t < frames; t++) {
-    const frame = new Float64Array(n * size);
-    for (let i = 0; i < n; i++) {
-      const values = components.map(({ min, max }, c) => {
-        const part = pictures[c];
-        need(finite(min) && finite(max) && min <= max, "wrong range", names[c]);
-        if (part.all) return min + (part.all[t][i] * (max - min)) / 255;
-        const high = part.high[t][i];
-        const low = part.low ? part.low[t][i] : high % 2 === 1 ? 255 - part.low_mirrored[t][i] : part.low_mirrored[t][i];
-        return min + ((256 * high + low) * (max - min)) / 65535;
-      });
-      const [opacity, ...rest] = values.slice(3 + coefficients, names.length);
-      const norm = Math.hypot(...rest.slice(3));
-      const axes = matrixOf(rest.slice(3).map((q) => q / norm)).map((row) => row.map((r, k) => r * Math.exp(rest[k])));
-      const out = [...values.slice(0, 3), ...covariance(axes)];
-      frame.set([...out, Math.min(1, Math.max(0, opacity)), ...values.slice(3, 3 + coefficients)], i * size);
-    }
-    yield frame;
-  }
-}
-
 const [version, stream, lumaFolder, outFolder] = process.argv.slice(2);
 const source = statSync(stream).isDirectory() ? folderSource(stream) : archiveSource(stream);
 const manifest = readManifest(source);
-const decode = manifest.profile === "motion" ? motionFrames : planesFrames;
 const groups = allGroups(source, manifest);
 checkRest(source, manifest, groups);
 for (const group of groups) {
@@ -444,7 +399,7 @@ for (const group of groups) {
     need(wholeNumber(rendition.splats, 1, 4194304), "wrong number of splats");
     need(wholeNumber(rendition.sh_degree, 0, 3), "wrong SH degree");
     let t = group.first_frame;
-    for (const frame of decode(source, lumaFolder, rendition)) {
+    for (const frame of decodedFrames(source, lumaFolder, rendition)) {
       const file = join(outFolder, `${rendition.id}_${t}.f64`);
       writeFileSync(file, frame);
       const { id, splats, sh_degree } = rendition;

@@ -26,7 +26,6 @@ from v3studio.pipelines.share.player_files import read_player
 from v3studio.studio.formats import EXPORTS
 from v3studio.studio.masks.sources import SOURCES
 from v3studio.studio.stream import StreamReader
-from v3studio.studio.stream.codecs import CODECS
 
 NOT_HERE = {
     "a window": r"open ",
@@ -144,7 +143,7 @@ def test_every_line_runs_or_has_a_reason() -> None:
 
 def test_the_guides_list_what_the_program_has() -> None:
     sources = [source.name for source in SOURCES]
-    pages = {"masks": sources, "export-import": EXPORTS, "bake": CODECS, "training": PRESETS}
+    pages = {"masks": sources, "export-import": EXPORTS, "training": PRESETS}
     for page, names in pages.items():
         text = (ROOT / "docs" / "guides" / f"{page}.md").read_text(encoding="utf-8")
         assert [name for name in names if not re.search(rf"[`*]{name}[`*]", text)] == [], page

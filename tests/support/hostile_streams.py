@@ -1,8 +1,8 @@
 """Streams as a malicious writer would make them, for the library and for the browser; folders with Python files of a
 stranger, of which none may be executed.
 
-Each mutation changes the manifest, a side file (compressed, or its content), a video or the sound of a stream of the
-profile `motion` without pages, and then updates all sizes and checksums. Mutation N is always the same.
+Each mutation changes the manifest, a side file (compressed, or its content), a video or the sound of a stream
+without pages, and then updates all sizes and checksums. Mutation N is always the same.
 """
 
 import contextlib

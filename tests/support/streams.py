@@ -26,9 +26,9 @@ def bake_numbered(
     live: bool = False,
 ) -> Path:
     """A stream with groups of these lengths. Splat 0 of frame i is at x = i, which identifies the frame. With `sound`,
-    (samples, channels) at 48 kHz. With `distinct`, each group has a file of its own, the opacities; otherwise groups
+    (samples, channels) at 48 kHz. With `distinct`, each group has a video of its own; otherwise groups
     of the same length share all files."""
-    settings = settings or BakeSettings(profile="planes", quality=0)
+    settings = settings or BakeSettings(quality=0, preset="ultrafast")
     entries, first = [], 0
     for group, length in enumerate(lengths):
         frames = []
@@ -108,17 +108,14 @@ def best_of(group: dict[str, Any]) -> dict[str, Any]:
 
 
 def group_files(folder: Path, group: int) -> list[Path]:
-    """A group's files in the best rendition: side file and video, or the planes in the order of the components."""
+    """A group's files in the best rendition: side file and video."""
     with StreamReader.open(folder) as reader:
         return [folder / file.path for file in reader.groups[group].files]
 
 
-def opacity_file(folder: Path, group: int) -> Path:
-    """The file of a group's opacities in the profile `planes`."""
-    with StreamReader.open(folder) as reader:
-        components = reader.groups[group].components  # type: ignore[attr-defined]
-    entry = next(component for component in components if component.name == "opacity")
-    return folder / entry.planes[0].path
+def video_file(folder: Path, group: int) -> Path:
+    """A group's video in the best rendition."""
+    return group_files(folder, group)[1]
 
 
 def replace_file(folder: Path, group: int, key: str, data: bytes, raw_bytes: int | None = None) -> None:

@@ -81,7 +81,6 @@ def bake(
     lengths: Sequence[int] = (5, 4),
     splats: int = 1500,
     degree: int = 0,
-    profile: str = "motion",
     qp: int = 16,
     ladder: Sequence[int] = (),
     paged: bool = False,
@@ -92,7 +91,7 @@ def bake(
     """Bake a stream of the figure into a folder; `ladder`: QPs of its renditions, `paged`: all groups but one in a
     page, `clicks`: sound with clicks at these times, `dilations`: of each group, `options`: further settings."""
     rungs = tuple(Rung(qp=one) for one in ladder)
-    settings = BakeSettings(profile=profile, quality=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
+    settings = BakeSettings(quality=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
     entries, first = [], 0
     for index, frames in enumerate(lengths):
         figure = body(frames, splats + 40 * index, degree, index)
@@ -117,7 +116,7 @@ def decoded(folder: Path, *frames: int) -> list[Gaussians]:
 
 
 def luma(folder: Path, group_index: int) -> list[np.ndarray]:
-    """Pictures of a group of the profile `motion`, (H, W) uint8 each; of `planes`, (P, side, side)."""
+    """Pictures of a group, (H, W) uint8 each."""
     with StreamReader.open(folder) as reader:
         group = reader.groups[group_index]
         decoder = reader.open_group(group)

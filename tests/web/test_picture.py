@@ -75,10 +75,9 @@ def come_back_to_front(order, gaussians):
     assert steps.max() <= (depths.max() - depths.min()) / 65535 + 1e-5
 
 
-@pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_each_group_is_rendered_with_its_dilation(site: Site, baked: Baked, open_page: OpenPage, profile: str) -> None:
+def test_each_group_is_rendered_with_its_dilation(site: Site, baked: Baked, open_page: OpenPage) -> None:
     """In a small picture, where splats are about a pixel wide, it shows."""
-    shutil.copytree(baked(profile=profile, dilations=(0.05, 0.9)), site.stream)
+    shutil.copytree(baked(dilations=(0.05, 0.9)), site.stream)
     page = open_page("?t=0")
     view = support.camera(70, distance=2.6, size=(64, 80))
     for frame, dilation in ((2, 0.05), (6, 0.9), (3, 0.05)):
@@ -88,11 +87,3 @@ def test_each_group_is_rendered_with_its_dilation(site: Site, baked: Baked, open
         picture = page.picture(support.camera_values(view))
         assert psnr(picture, support.draw(gaussians, view)) >= PSNR
         assert psnr(picture, support.draw(replace(gaussians, dilation=0.3), view)) < PSNR - 10  # it would be seen
-
-
-def test_planes_without_webcodecs_say_why_not(site: Site, baked: Baked, open_page: OpenPage) -> None:
-    shutil.copytree(baked(profile="planes", qp=20), site.stream)
-    page = open_page("?decoder=video", wait=False)
-    page.wait("(seen.error ?? []).length")
-    assert "profile planes need WebCodecs" in page.seen("error")[0]
-    assert page.handle.locator("v3-player .failure .why").inner_text() == page.seen("error")[0]

@@ -19,7 +19,6 @@ import numpy as np
 import support
 
 from v3studio.studio.playback import RateRule
-from v3studio.studio.stream.codecs import CODECS
 
 
 def rule_steps() -> dict[str, Any]:
@@ -50,15 +49,11 @@ def video_index(path: Path) -> dict[str, Any]:
 
 
 def write_videos(folder: Path, temporary: Path) -> None:
-    """A video of each codec."""
-    found = {}
-    for codec in CODECS:
-        stream = support.bake(temporary / codec, lengths=(9,), splats=1500, codec=codec, qp=30)
-        best = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]
-        video = stream / best["video"]["path"]
-        shutil.copyfile(video, folder / f"{codec}.mp4")
-        found[codec] = video_index(video)
-    (folder / "videos.json").write_text(json.dumps(found))
+    stream = support.bake(temporary / "video", lengths=(9,), splats=1500, qp=30)
+    best = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]
+    video = stream / best["video"]["path"]
+    shutil.copyfile(video, folder / "video.mp4")
+    (folder / "video.json").write_text(json.dumps(video_index(video)))
 
 
 def write_archives(folder: Path) -> None:
@@ -83,13 +78,11 @@ def main(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         # QP 4 has escapes; the figure has few of them.
         stream = support.bake(Path(temporary) / "stream", lengths=(5, 3), splats=700, degree=1, qp=4)
-        planes = support.bake(Path(temporary) / "planes", lengths=(2,), splats=300, profile="planes", qp=0)
-        for name, place in (("motion", stream), ("planes", planes)):
-            (folder / f"{name}.json").write_bytes((place / "manifest.json").read_bytes())
-            luma = support.luma(place, 0)
-            np.stack(luma).tofile(folder / f"{name}.luma")
-            positions = np.stack([one.means.numpy() for one in support.decoded(place, *range(len(luma)))])
-            positions.astype(np.float32).tofile(folder / f"{name}.positions")
+        (folder / "motion.json").write_bytes((stream / "manifest.json").read_bytes())
+        luma = support.luma(stream, 0)
+        np.stack(luma).tofile(folder / "motion.luma")
+        positions = np.stack([one.means.numpy() for one in support.decoded(stream, *range(len(luma)))])
+        positions.astype(np.float32).tofile(folder / "motion.positions")
         write_videos(folder, Path(temporary))
         side = json.loads((stream / "manifest.json").read_bytes())["groups"][0]["renditions"][0]["side"]
         (folder / "motion.bin").write_bytes((stream / side["path"]).read_bytes())

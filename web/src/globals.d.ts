@@ -4,10 +4,10 @@ declare module "worker-source" {
   export default source;
 }
 
-/** Definitions and names of docs/stream.schema.json, inserted by schema.mjs. */
+/** Definitions, and names of channels, of docs/stream.schema.json, inserted by schema.mjs. */
 declare module "stream-schema" {
   export const definitions: import("./stream/json_schema.ts").Definitions;
-  export const names: Readonly<Record<"motion" | "planes", Readonly<Record<string, readonly string[]>>>>;
+  export const names: Readonly<Record<string, readonly string[]>>;
 }
 
 /** The text of a style sheet, inserted by build.mjs. */

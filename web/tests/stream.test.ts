@@ -7,21 +7,16 @@ import { test } from "node:test";
 import zlib from "node:zlib";
 import { RateRule } from "../src/worker/rate_rule.ts";
 import { crc32 } from "../src/stream/crc32.ts";
-import { squareSide, tilePixels } from "../src/stream/layout.ts";
+import { tilePixels, tileSide } from "../src/stream/layout.ts";
 import {
-  filesOf,
   groupOfFrame,
-  isMotion,
   type Manifest,
-  type MotionRendition,
   parseManifest,
   parsePage,
-  type PlanesRendition,
   type Rendition,
 } from "../src/stream/manifest.ts";
 import { MotionTables } from "../src/stream/motion.ts";
 import { inDisplayOrder, samplesNeeded } from "../src/stream/mp4.ts";
-import { planePositions, layoutOf } from "../src/stream/picture.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { DepthSorter } from "../src/stream/sort.ts";
 import { linkTo, parseView } from "../src/ui/link.ts";
@@ -35,8 +30,8 @@ function group(name: string): Rendition {
   return parseManifest(new TextDecoder().decode(data), data.length).groups[0].renditions[0];
 }
 
-async function side(): Promise<[MotionRendition, SideFile]> {
-  const motion = group("motion") as MotionRendition;
+async function side(): Promise<[Rendition, SideFile]> {
+  const motion = group("motion");
   return [motion, parseSideFile(await inflate(bytes("motion.bin"), motion.side.raw_bytes), motion)];
 }
 
@@ -82,26 +77,6 @@ void test("positions are Python's bit by bit", async () => {
   }
 });
 
-void test("positions of planes are Python's", () => {
-  const planes = group("planes") as PlanesRendition;
-  const { tile, columns, rows } = layoutOf(planes);
-  const luma = bytes("planes.luma");
-  const want = new Float32Array(bytes("planes.positions").buffer);
-  const count = filesOf(planes).length;
-  const out = new Float32Array(3 * planes.splats);
-  for (let frame = 0; frame < planes.frame_count; frame++) {
-    const picture = new Uint8Array(tile * tile * columns * rows);
-    for (let plane = 0; plane < count; plane++)
-      for (let row = 0; row < tile; row++) {
-        const from = ((frame * count + plane) * tile + row) * tile;
-        const to = (Math.floor(plane / columns) * tile + row) * tile * columns + (plane % columns) * tile;
-        picture.set(luma.subarray(from, from + tile), to);
-      }
-    planePositions(planes, picture, out);
-    for (let i = 0; i < out.length; i++) assert.ok(Math.abs(out[i] - want[frame * out.length + i]) < 1e-6);
-  }
-});
-
 void test("pixels of the Morton curve are Python's", () => {
   for (const [key, want] of Object.entries(json("morton.json") as Record<string, number[]>)) {
     const [tile, count] = key.split(" ").map(Number);
@@ -112,7 +87,7 @@ void test("pixels of the Morton curve are Python's", () => {
 });
 
 void test("a damaged side file is refused, whatever byte is wrong", async () => {
-  const motion = group("motion") as MotionRendition;
+  const motion = group("motion");
   const raw = await inflate(bytes("motion.bin"), motion.side.raw_bytes);
   let refused = 0;
   for (let at = 0; at < raw.length; at += 97) {
@@ -134,7 +109,7 @@ void test("a damaged side file is refused, whatever byte is wrong", async () => 
 });
 
 void test("escapes that are not in order are refused", async () => {
-  const motion = group("motion") as MotionRendition;
+  const motion = group("motion");
   const raw = await inflate(bytes("motion.bin"), motion.side.raw_bytes);
   // The escapes are the end of the file: a byte for each channel, and four for splat, frame and code.
   const count = (json("side.json") as Arrays).escapes.length;
@@ -152,7 +127,7 @@ void test("a side file that decompresses to far more than it says is not decompr
 
 void test("all that is drawn is finite, whatever numbers the manifest has", async () => {
   const text = new TextDecoder().decode(bytes("motion.json"));
-  const inflated = await inflate(bytes("motion.bin"), (group("motion") as MotionRendition).side.raw_bytes);
+  const inflated = await inflate(bytes("motion.bin"), group("motion").side.raw_bytes);
   const luma = bytes("motion.luma");
   type Numbers = Record<string, number>;
   const places: ((group: { positions: Numbers; blocks: Numbers; channels: Numbers[] }) => readonly [Numbers, string])[] = [
@@ -169,7 +144,7 @@ void test("all that is drawn is finite, whatever numbers the manifest has", asyn
       const [at, key] = place(values.groups[0].renditions[0]);
       at[key] = value;
       try {
-        const motion = parseManifest(JSON.stringify(values), bytes("motion.json").length).groups[0].renditions[0] as MotionRendition;
+        const motion = parseManifest(JSON.stringify(values), bytes("motion.json").length).groups[0].renditions[0];
         const tables = new MotionTables(motion, parseSideFile(inflated, motion));
         const positions = new Float32Array(3 * motion.splats);
         for (let index = 0; index < motion.frame_count; index++) {
@@ -250,8 +225,6 @@ void test("a group without a dilation has that of 3DGS", () => {
 
 /** Deep changes of a manifest, and what the refusal says. Bounds of single values come from the schema, others do not. */
 const REFUSED: readonly (readonly [place: string, value: unknown, message: RegExp])[] = [
-  ["profile", "planes", /scan/],
-  ["codec.name", "no-such-codec", /codec\.name must be h264 or hevc/],
   ["fps", 0, /fps must be a number above 0/],
   ["frame_count", 4, /frame_count must be 5/],
   ["total_bytes", 1.5, /total_bytes must be an integer/],
@@ -293,17 +266,6 @@ const REFUSED: readonly (readonly [place: string, value: unknown, message: RegEx
   ["audio.path", `files/${"0".repeat(32)}.m4a`, /not named by/],
 ];
 
-/** Refused changes of a manifest of the profile planes. */
-const PLANES_REFUSED: typeof REFUSED = [
-  ["codec.name", "av1", /must be h264 in the profile planes/],
-  ["groups.0.renditions.0.side", 32, /side does not fit/],
-  ["groups.0.renditions.0.components.0.name", "mean_y", /components do not match/],
-  ["groups.0.renditions.0.components.0.min", 1e9, /invalid component mean_x/],
-  ["groups.0.renditions.0.components.0.planes.1.part", "all", /invalid component mean_x/],
-  ["groups.0.renditions.0.components.7.max", 30, /invalid component log_scale_0/],
-  ["groups.0.renditions.0.components.7.planes.0.checks.0.picture", 1, /checks\.0\.picture/],
-];
-
 type Values = Record<string, unknown>;
 
 /** A copy of the JSON with another value at a place. */
@@ -318,11 +280,8 @@ function changed(text: string, place: string, value: unknown): string {
 }
 
 void test("manifests out of bounds are refused with the place", () => {
-  for (const [name, cases] of [["ladder", REFUSED], ["planes", PLANES_REFUSED]] as const) {
-    const text = new TextDecoder().decode(bytes(`${name}.json`));
-    for (const [place, value, message] of cases)
-      assert.throws(() => parseManifest(changed(text, place, value), 1), message, place);
-  }
+  const text = new TextDecoder().decode(bytes("ladder.json"));
+  for (const [place, value, message] of REFUSED) assert.throws(() => parseManifest(changed(text, place, value), 1), message, place);
 });
 
 void test("missing values, and values of another type, are refused", () => {
@@ -348,7 +307,6 @@ void test("CRC-32 is that of zlib, and of the luma that Python decodes", () => {
   }
   const [, manifest] = ladder();
   const [group] = manifest.groups[0].renditions;
-  assert.ok(isMotion(group));
   const luma = bytes("ladder.luma");
   const size = luma.length / group.frame_count;
   for (const { picture, crc32: wanted } of group.video.checks)
@@ -365,9 +323,9 @@ void test("renditions are chosen as Python's rule chooses them", () => {
 });
 
 void test("small things", () => {
-  assert.equal(squareSide(1, 16), 16);
-  assert.equal(squareSide(257, 16), 32);
-  assert.equal(squareSide(4194304, 16), 2048);
+  assert.equal(tileSide(1), 16);
+  assert.equal(tileSide(257), 32);
+  assert.equal(tileSide(4194304), 2048);
   const groups = [{ firstFrame: 0 }, { firstFrame: 5 }, { firstFrame: 9 }];
   assert.deepEqual([0, 4, 5, 8, 9, 100].map((frame) => groupOfFrame(groups, frame)), [0, 0, 1, 1, 2, 2]);
   const view = { azimuth: -32.5, elevation: 10, distance: 2.25, target: [0, 1, -0.5] as const };

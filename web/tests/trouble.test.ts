@@ -94,7 +94,7 @@ void test("a file that is written again while it is read is refused, and not ask
 
   const stop = new AbortController();
   let reads = 0;
-  const group = { id: "a", bytes: 1, sh_degree: 0, splats: 1, profile: "planes", side: 1, components: [] };
+  const group = { id: "a", bytes: 1, sh_degree: 0, splats: 1, tile: 16, columns: 1, rows: 1, side: {}, video: {} };
   const source = {
     read: (): Promise<never> => {
       if (++reads > 20) stop.abort();

@@ -60,7 +60,7 @@ TEMPLATES = frozenset({"capture.clean_plates", "capture.images", "capture.mask_f
 
 BASIC = frozenset(
     {
-        "bake.codec", "bake.ladder", "bake.quality",
+        "bake.ladder", "bake.quality",
         "calibrate.board.columns", "calibrate.board.kind", "calibrate.board.rows", "calibrate.board.square",
         "calibrate.board_images", "calibrate.camera_model", "calibrate.floor", "calibrate.frame_count",
         "calibrate.known_distance", "calibrate.tie_points", "capture.audio", "capture.cameras",

@@ -1,4 +1,4 @@
-"""Bake: size by attribute, and size at other QPs."""
+"""Bake: size by file, and size at other QPs."""
 
 import math
 from collections.abc import Hashable
@@ -18,17 +18,6 @@ from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import StudioError
 from v3studio.studio.stream import StreamReader
-from v3studio.studio.stream.attributes import components
-
-_ATTRIBUTES = dict(components(sh_degree=3))
-
-
-def plane_label(component: str, part: str) -> str:
-    """The purpose of the bytes of a plane; `part`: as in the manifest."""
-    attribute = _ATTRIBUTES[component]
-    if attribute.bits == 8:
-        return attribute.label
-    return f"{attribute.label}, {'high' if part == 'high' else 'low'} bytes"
 
 
 def rest_words(sound: bool) -> str:
@@ -37,14 +26,10 @@ def rest_words(sound: bool) -> str:
 
 
 def shares(reader: StreamReader) -> dict[str, tuple[int, list[int]]]:
-    """Bytes and QPs in the stream, by attribute if it has a video per plane, else by file; last the rest."""
+    """Bytes and QPs in the stream, by file; last the rest."""
     parts: list[tuple[str, int, int | None]] = []
     for group in reader.groups:
-        for file in () if hasattr(group, "components") else group.files:
-            qp = getattr(file, "qp", None)
-            parts.append(("video" if qp is not None else "motion", file.bytes, qp))
-        for component in getattr(group, "components", ()):  # of the profile "planes"
-            parts += [(plane_label(component.name, plane.part), plane.bytes, plane.qp) for plane in component.planes]
+        parts += [("motion", group.side.bytes, None), ("video", group.video.bytes, group.video.qp)]
     rest = reader.played_bytes - sum(size for _, size, _ in parts)
     parts.append((rest_words(reader.manifest.audio is not None), rest, None))
     by_name: dict[str, tuple[int, list[int]]] = {}
@@ -58,7 +43,7 @@ COLUMNS = ("KB per frame", "share", "QP")  # of the table in mode "bytes"
 
 
 class BakeView(StageView):
-    """Bytes by attribute, and bytes and PSNR at other QPs. `points`: pixels of each QP and level in their chart."""
+    """Bytes by file, and bytes and PSNR at other QPs. `points`: pixels of each QP and level in their chart."""
 
     modes = (ViewMode.BYTES, ViewMode.OTHER_QPS)
 

@@ -1,6 +1,6 @@
 // The losses on the values that a stream codes: bits of the quantized residuals (paper equations 8 to 11), difference
-// to the previous frame (equation 12); and the coded values of the profile `planes`. The definitions are
-// studio/training/coded_loss.py and studio/stream/planes_coding.py.
+// to the previous frame (equation 12); and the coded values themselves. The definitions are
+// studio/training/coded_loss.py and studio/training/coded_values.py.
 #pragma once
 
 #include <cstddef>
@@ -155,7 +155,7 @@ static void coded_loss(CodedJob<T>& job, int threads) {
     }
 }
 
-// Values of the profile `planes`: the unit quaternion whose sign is nearer to `reference`, log scales, opacity, SH.
+// Coded values: the unit quaternion whose sign is nearer to `reference`, log scales, opacity, SH.
 template <typename T>
 static void planes_values(const PlanesJob<T>& job, T* values, int threads) {
     const int floats = 3 * job.coefficients, channels = 8 + floats;

@@ -21,22 +21,19 @@ from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.memory_cache import OnDemand
 from v3studio.studio.progress import ProgressFn, no_progress
-from v3studio.studio.stream.codecs import CODECS, QP_MAX
 from v3studio.studio.stream.encode.files import entry_of
-from v3studio.studio.stream.encode.motion import MotionBake
-from v3studio.studio.stream.encode.planes import PlanesBake
+from v3studio.studio.stream.encode.group import GroupBake
 from v3studio.studio.stream.encode.quality import QP_BEST, QualityFn, highest_qp, psnr_of
 from v3studio.studio.stream.manifest import (
     FILES,
     MAX_SPLATS,
-    AnyRendition,
     AudioEntry,
     GroupEntry,
     Pruning,
     Rendition,
     invalid,
 )
-from v3studio.studio.stream.settings import BakeSettings, Rung
+from v3studio.studio.stream.settings import QP_MAX, BakeSettings, Rung
 from v3studio.studio.stream.video import NOMINAL_FPS, PlaneDecoder
 
 _QPS_PER_HALF = 8  # about as many QPs more halve the bytes
@@ -68,12 +65,11 @@ def bake_group(
     QP; with a ladder, once per rung.
 
     Args:
-        frames: frames of the group in their order, with the same splats in each. The profile `planes` reads a sequence
-            twice, frame by frame, so a lazily loading one keeps memory low; an iterator is held in memory.
+        frames: frames of the group in their order, with the same splats in each.
         directory: the stream's folder; created if missing.
         group: 0-based index of the group.
         first_frame: index *in the stream* of its first frame, 0-based (not the footage's frame number).
-        settings: profile, QPs, targets and so on.
+        settings: QPs, targets and so on.
         progress: called with (frames encoded, frames), over all rungs.
         threads: CPU threads; 0: one per core. Does not change the bytes.
         quality: error of a decoded frame against the trained one; required for a level or a target PSNR. The
@@ -110,7 +106,7 @@ def bake_group(
         remove_leftovers(directory, folder)
         (directory / FILES).mkdir(parents=True, exist_ok=True)
         contributed = _contribution(rungs, len(frames[0]), contribution, group)
-        made: dict[str, AnyRendition] = {}
+        made: dict[str, Rendition] = {}
 
         def steps(done: int, total: int, **figures: Any) -> None:  # of one rung, as a part of all
             progress(len(made) * total + done, len(rungs) * total, **figures)
@@ -122,7 +118,7 @@ def bake_group(
                 part = finetuned(same[0])
             elif kind != (1.0, None, 0):
                 part = _reduced(frames, contributed, same[0].splats, same[0].sh_degree)
-            prepared = (PlanesBake if settings.profile == "planes" else MotionBake)(part, progress)
+            prepared = GroupBake(part, progress)
             for rung in same:
                 own = settings.replace(ladder=())
                 if settings.ladder:
@@ -130,7 +126,7 @@ def bake_group(
                 values = _identity(rung, group, first_frame, len(frames), single=not settings.ladder)
                 write = partial(prepared.write, place, values, progress=steps, threads=threads, fps=fps or NOMINAL_FPS)
                 encoded = _encoded(write, place, values, own, quality, unsmoothed)
-                made[rung.id] = _stored(*encoded, place, directory, own)
+                made[rung.id] = _stored(*encoded, place, directory)
             del prepared, write  # the group's values
         return GroupEntry(
             index=group,
@@ -163,13 +159,13 @@ def _identity(rung: Rung, group: int, first_frame: int, frame_count: int, single
 
 
 def _encoded(
-    write: Callable[[BakeSettings], AnyRendition],
+    write: Callable[[BakeSettings], Rendition],
     folder: Path,
     identity: Mapping[str, Any],
     settings: BakeSettings,
     quality: QualityFn | None,
     unsmoothed: Callable[[], object],
-) -> tuple[AnyRendition, float | None]:
+) -> tuple[Rendition, float | None]:
     """Encode a rendition of a group at a QP, or at the QP that reaches a target: the rendition, without checks and
     figures, and its PSNR if there is `quality`.
 
@@ -180,7 +176,7 @@ def _encoded(
     """
 
     @lru_cache(maxsize=1)  # of several QPs, only the files of the last are on the disk
-    def at(qp: int) -> AnyRendition:
+    def at(qp: int) -> Rendition:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         return write(settings.at_qp(qp))
@@ -192,7 +188,7 @@ def _encoded(
             fix = "Pass quality, or set a QP instead."
             raise StudioError("bake.no_renderer", problem, fix=fix, setting="bake.quality")
         draft = at(qp)
-        return psnr_of(draft, _contents(draft, folder), quality, settings.codec)
+        return psnr_of(draft, _contents(draft, folder), quality)
 
     def missed(target: float, value: float, unit: str, qp: int, fix: str) -> StudioError:
         group = identity["index"]
@@ -210,7 +206,7 @@ def _encoded(
             raise missed(most, kb(QP_MAX), "KB per frame", QP_MAX, "Raise it, or train fewer splats.")
     if least is not None:
         qp = highest_qp(lambda qp: psnr(qp) - least, settings.qp)
-        if qp < QP_BEST and settings.smooth_paths is None and settings.profile == "motion":
+        if qp < QP_BEST and settings.smooth_paths is None:
             unsmoothed()
             settings = settings.replace(smooth_paths=False)
             at.cache_clear()
@@ -226,30 +222,23 @@ def _contents(draft: Rendition, folder: Path) -> dict[str, bytes]:
     return {file.path: (folder / Path(file.path).name).read_bytes() for file in draft.files}
 
 
-def _stored(
-    draft: AnyRendition, psnr: float | None, folder: Path, directory: Path, settings: BakeSettings
-) -> AnyRendition:
+def _stored(draft: Rendition, psnr: float | None, folder: Path, directory: Path) -> Rendition:
     """The complete rendition, with its files moved from `folder` to their place."""
-    codec, files = settings.codec, _contents(draft, folder)
-    values = draft.model_dump()
-    values["psnr_to_trained"] = None if psnr is None else round(psnr, 3)
-    planes = [plane for component in values.get("components", ()) for plane in component["planes"]]
-    for video, entry in zip(draft.videos, planes or [values["video"]], strict=True):
-        entry["checks"] = luma_checks(files[video.path], draft.size, codec, draft.frame_count)
-    qp = max(video.qp for video in draft.videos)
-    values["qp"] = round(qp * QP_MAX / CODECS[codec].qp_max)
-    rendition = type(draft).model_validate(values)
+    files, values = _contents(draft, folder), draft.model_dump()
+    values |= {"psnr_to_trained": None if psnr is None else round(psnr, 3), "qp": draft.video.qp}
+    values["video"]["checks"] = luma_checks(files[draft.video.path], draft.size, draft.frame_count)
+    rendition = Rendition.model_validate(values)
     for path in files:
         os.replace(folder / Path(path).name, directory / path)
     return rendition
 
 
-def luma_checks(data: bytes, size: tuple[int, int], codec: str, frame_count: int) -> tuple[dict[str, int], ...]:
+def luma_checks(data: bytes, size: tuple[int, int], frame_count: int) -> tuple[dict[str, int], ...]:
     """CRC-32 of the decoded luma of the first and of the middle image of a video, as in the manifest."""
     wanted = sorted({0, frame_count // 2})
     checks = []
     picture = np.empty(size[::-1], dtype=np.uint8)
-    with closing(PlaneDecoder(data, "baking", size, frame_count, codec)) as decoder:
+    with closing(PlaneDecoder(data, "baking", size, frame_count)) as decoder:
         for index in range(wanted[-1] + 1):
             decoder.read(picture)
             if index in wanted:

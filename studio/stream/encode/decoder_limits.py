@@ -1,20 +1,17 @@
 """The limits of common hardware decoders of H.264, and renditions that go beyond them."""
 
 from v3studio.studio.errors import Message
-from v3studio.studio.stream.manifest import GroupEntry, MotionRendition
+from v3studio.studio.stream.manifest import GroupEntry
 
 MAX_SIDE = 4096  # pixels; 4096x2304 is the largest image of phones in landscape, 2304x4096 in portrait
 MAX_MACROBLOCKS = 36_864  # MaxFS of level 5.1 (ITU-T H.264, table A-1): macroblocks of 16x16 pixels in an image
 MAX_MACROBLOCK_RATE = 983_040  # MaxMBPS of level 5.1: macroblocks per second
 
 
-def beyond_hardware(group: GroupEntry, fps: float, codec: str) -> list[Message]:
-    """One warning for each rendition that hardware decoders of H.264 may refuse when it plays at `fps`; none for other
-    codecs, and for the profile `planes`, whose lossless planes are decoded in software anyway."""
+def beyond_hardware(group: GroupEntry, fps: float) -> list[Message]:
+    """One warning for each rendition that hardware decoders of H.264 may refuse when it plays at `fps`."""
     messages = []
     for rendition in group.renditions:
-        if codec != "h264" or not isinstance(rendition, MotionRendition):
-            continue
         width, height = rendition.size
         macroblocks = (width // 16) * (height // 16)
         problem = fix = ""

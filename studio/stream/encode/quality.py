@@ -1,17 +1,15 @@
 """Finding the QP of a group, for a target size or quality."""
 
 import math
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import numpy as np
 
 from v3studio.studio.gaussians import Gaussians
-from v3studio.studio.stream.codecs import QP_MAX
-from v3studio.studio.stream.decoders import open_decoder
+from v3studio.studio.stream.decoder import GroupDecoder
 from v3studio.studio.stream.manifest import Rendition
+from v3studio.studio.stream.settings import QP_MAX
 
 QualityFn = Callable[[int, Gaussians], float]
 """`quality(index, decoded)`: mean squared error between renders of a decoded frame and of the same frame as trained,
@@ -46,12 +44,11 @@ def highest_qp(spare: Callable[[int], float], start: int) -> int:
     return low
 
 
-def psnr_of(group: Rendition, files: Mapping[str, bytes], quality: QualityFn, codec: str) -> float:
+def psnr_of(group: Rendition, files: Mapping[str, bytes], quality: QualityFn) -> float:
     """PSNR in dB of the mean squared error over `_FRAMES` frames of the group, decoded from `files`."""
     last = group.frame_count - 1
     wanted = set(np.linspace(0, last, min(_FRAMES, last + 1)).round().astype(int).tolist())
-    pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="decode")
-    with pool, closing(open_decoder(group, files, pool, "baking", codec)) as decoder:
+    with closing(GroupDecoder(group, files, "baking")) as decoder:
         decoded = ((index, decoder.read()) for index in range(last + 1))
         errors = [quality(index, frame.gaussians()) for index, frame in decoded if index in wanted]
     return -10 * math.log10(max(sum(errors) / len(errors), 1e-12))

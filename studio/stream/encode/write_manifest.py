@@ -19,10 +19,8 @@ from v3studio.studio.stream.manifest import (
     MAX_MANIFEST_BYTES,
     MAX_PAGE_GROUPS,
     PAGE_FORMAT,
-    PROFILES,
     AudioEntry,
     Box,
-    Codec,
     FileEntry,
     GroupEntry,
     Manifest,
@@ -68,7 +66,7 @@ def write_manifest(
         The manifest, including the total size of all files.
 
     Raises:
-        StudioError: groups out of order, of another profile or with other renditions, or a file is missing or has a
+        StudioError: groups out of order or with other renditions, or a file is missing or has a
             different size, or cannot be written.
     """
     directory = Path(directory)
@@ -83,11 +81,8 @@ def write_manifest(
     inline = _fitting(sizes, 0, INLINE_BYTES)
     try:
         draft = Manifest(
-            profile=settings.profile,
             fps=float(fps),
             frame_count=sum(group.frame_count for group in groups),
-            scan=PROFILES[settings.profile].scan,
-            codec=Codec(name=settings.codec, pixel_format="yuv420p", color_range="full"),
             bounding_box=box,
             live=live,
             renditions=_renditions(groups, fps),

@@ -31,7 +31,7 @@ BROWSER = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 def bake(folder: Path) -> Path:
     """40 frames at 20 fps in groups of 5."""
-    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast")
+    settings = BakeSettings(quality=0, preset="ultrafast")
     return bake_numbered(folder, (5,) * 8, 20.0, 30, settings)
 
 
@@ -52,7 +52,7 @@ def port(stream: Path) -> Iterator[int]:
 
 
 def test_files_with_their_types_and_lengths(port: int, stream: Path) -> None:
-    video = group_files(stream, 3)[0].relative_to(stream).as_posix()
+    video = group_files(stream, 3)[1].relative_to(stream).as_posix()
     for path, kind in (("manifest.json", "application/json"), (video, "video/mp4")):
         data = (stream / path).read_bytes()
         status, headers, body = ask(port, f"/{path}")
@@ -320,7 +320,7 @@ def test_play_over_http_and_the_server_is_killed_and_restarted_in_the_middle(
 def test_the_command_line_plays_an_address(here: Here, start: Callable[..., WarmProcess], tmp_path: Path) -> None:
     folder = bake(tmp_path / "stream")
     missing = {"path": f"files/{'1' * 32}.mp4", "sha256": "1" * 64}  # these groups share their files
-    edit_manifest(folder, lambda manifest: best_of(manifest["groups"][0])["components"][0]["planes"][0].update(missing))
+    edit_manifest(folder, lambda manifest: best_of(manifest["groups"][0])["video"].update(missing))
     _, address = served(start, folder)
     done = here("play", "--json", address).fails()
     report = done.result

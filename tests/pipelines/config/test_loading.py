@@ -95,8 +95,7 @@ def test_an_invalid_value_is_reported_with_file_value_and_hint(
 @pytest.mark.parametrize(
     ("text", "settings"),
     [
-        ("bake: {profile: planes, codec: av1}", ["bake.codec", "bake.profile"]),
-        ("bake: {codec: av1, quality: 0}", ["bake.codec", "bake.quality"]),
+        ("bake: {quality: 40 KB, ladder: [{qp: 20}]}", ["bake.ladder", "bake.quality"]),
         ("capture: {held_out: [a, a]}", ["capture.held_out"]),
         ("capture: {held_out: [every 1]}", ["capture.held_out"]),
         ("calibrate: {intrinsics_groups: [[a]]}", ["calibrate.intrinsics_groups"]),
@@ -123,8 +122,8 @@ def test_a_mistake_in_an_override_is_not_blamed_on_the_file(tmp_path: Path) -> N
     with refuses("settings.invalid", file="overrides", value=80, setting="bake.quality"):
         load(tmp_path, "", "bake.quality=80")
     both = f"{tmp_path / 'run.yaml'} and overrides"
-    with refuses("settings.invalid", file=both, settings=["bake.codec", "bake.profile"]):
-        load(tmp_path, "bake: {profile: planes}", "bake.codec=av1")
+    with refuses("settings.invalid", file=both, settings=["bake.ladder", "bake.quality"]):
+        load(tmp_path, "bake: {ladder: [{qp: 20}]}", "bake.quality=40 KB")
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:

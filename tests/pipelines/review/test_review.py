@@ -64,7 +64,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Take:
     take.config.write_text(dump_config(load_config(project / "ball.yaml")))
     take.rig.parent.mkdir()
     write_rig(read_rig(project / "capture" / "cameras.json"), take.rig)
-    bake_numbered(take.stream, (FRAMES,), 25.0, 20, BakeSettings(profile="planes", quality=0, preset="ultrafast"))
+    bake_numbered(take.stream, (FRAMES,), 25.0, 20, BakeSettings(quality=0, preset="ultrafast"))
     take.evaluation.write_text(json.dumps(evaluation()))
     return take
 

@@ -38,9 +38,9 @@ CAMERA = camera_at("front", (0, -3, 0), focal=70.0, size=(90, 60))
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """6 frames in two groups, of the profile `planes`, whose groups have the most files."""
+    """6 frames in two groups."""
     folder, random = tmp_path_factory.mktemp("shared") / "walk", noise(3)
-    settings = BakeSettings(profile="planes", quality=0, preset="ultrafast")
+    settings = BakeSettings(quality=0, preset="ultrafast")
     entries = []
     for group in range(2):
         frames = [round_splats(0.4 * random(60, 3), -2.0, 0.9) for _ in range(3)]

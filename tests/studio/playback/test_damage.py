@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.errors import refuses
-from tests.support.streams import best_of, damage, edit_manifest, opacity_file, put_file
+from tests.support.streams import best_of, damage, edit_manifest, put_file, video_file
 from v3studio.studio.playback import play_headless
 from v3studio.studio.stream import Source, SourceUnavailable
 
@@ -21,7 +21,7 @@ def number(played) -> int:
     [("missing", "source.file_missing"), ("flipped", "stream.wrong_checksum"), ("truncated", "stream.wrong_size")],
 )
 def test_goes_on_with_the_next_intact_group(stream: Path, realtime: bool, how: str, code: str) -> None:
-    path = opacity_file(stream, 1)
+    path = video_file(stream, 1)
     damage(path, how)
     seen = []
     report = play_headless(stream, realtime=realtime, on_frame=lambda played: seen.append(number(played)))
@@ -44,14 +44,14 @@ def test_goes_on_with_the_next_intact_group(stream: Path, realtime: bool, how: s
 @pytest.mark.parametrize("realtime", [False, True])
 def test_where_nothing_is_intact_it_is_an_error(stream: Path, realtime: bool) -> None:
     for group in range(4):
-        opacity_file(stream, group).unlink()
-    file = opacity_file(stream, 0)
+        video_file(stream, group).unlink()
+    file = video_file(stream, 0)
     with refuses("playback.nothing_playable", file=file, cause="source.file_missing", group=0):
         play_headless(stream, realtime=realtime)
 
 
 def test_only_what_was_to_be_played_is_reported(stream: Path) -> None:
-    opacity_file(stream, 1).unlink()
+    video_file(stream, 1).unlink()
     assert play_headless(stream, frame_limit=5).skipped == ()
     assert play_headless(stream, frame_limit=6).skipped != ()
     assert play_headless(stream, start_frame=9).skipped == ()
@@ -59,14 +59,13 @@ def test_only_what_was_to_be_played_is_reported(stream: Path) -> None:
 
 def test_a_picture_that_cannot_be_decoded(stream: Path) -> None:
     """Names and checksums match here: the manifest is updated to the damaged file."""
-    file = opacity_file(stream, 0)
+    file = video_file(stream, 0)
     data = bytearray(file.read_bytes())
     middle = data.rindex(b"mdat") + (len(data) - data.rindex(b"mdat")) // 2
     data[middle:] = bytes(len(data) - middle)
 
     def change(values):
-        components = best_of(values["groups"][0])["components"]
-        put_file(stream, next(part for part in components if part["name"] == "opacity")["planes"][0], bytes(data))
+        put_file(stream, best_of(values["groups"][0])["video"], bytes(data))
 
     edit_manifest(stream, change)
     seen = []
@@ -76,17 +75,17 @@ def test_a_picture_that_cannot_be_decoded(stream: Path) -> None:
     assert skipped.first_frame + skipped.frame_count == 5
     assert seen == [*range(skipped.first_frame), *range(5, 16)]
     assert skipped.cause.code in ("stream.video_damaged", "stream.video_too_short", "stream.wrong_luma")
-    assert skipped.cause.file == str(opacity_file(stream, 0))
+    assert skipped.cause.file == str(video_file(stream, 0))
 
 
 class Dead(Source):
-    """A source whose server disappears after the second group. Only the opacities are a group's own."""
+    """A source whose server disappears after the second group. Only the videos are a group's own."""
 
     name = "http://dead"
 
     def __init__(self, folder):
         self.folder, self.tried = folder, []
-        self.own = {opacity_file(folder, group): group for group in range(6)}
+        self.own = {video_file(folder, group): group for group in range(6)}
 
     def read(self, path, limit):
         group = self.own.get(self.folder / path)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.streams import opacity_file
+from tests.support.streams import video_file
 from tests.support.waiting import wait_until
 from v3studio.studio.errors import StudioError
 from v3studio.studio.playback import LeftOut, RateRule, StreamFrames, stream_frames
@@ -22,7 +22,7 @@ def test_frames_in_any_order_are_the_ones_that_were_baked(stream: Path) -> None:
 
 def test_a_damaged_group_is_tried_again_after_a_while(stream: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_frames, "RETRY_SECONDS", 1e9)
-    file = opacity_file(stream, 1)
+    file = video_file(stream, 1)
     content = file.read_bytes()
     file.unlink()
     with StreamReader.open(stream) as reader, closing(StreamFrames(reader)) as frames:
@@ -41,7 +41,7 @@ def test_a_damaged_group_is_tried_again_after_a_while(stream: Path, monkeypatch:
 
 
 def test_a_late_viewer_passes_over_damaged_groups(stream: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    opacity_file(stream, 2).unlink()
+    video_file(stream, 2).unlink()
     read = GroupDecoder.read
 
     def damaged(decoder: GroupDecoder) -> DecodedFrame:

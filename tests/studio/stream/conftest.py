@@ -22,7 +22,6 @@ FindStream = Callable[[str], Path]
 LADDER = (Rung(qp=24), Rung(qp=34), Rung(qp=34, splats=0.5, sh_degree=0, finetune_iterations=0))
 KINDS: dict[str, dict[str, Any]] = {
     "motion": {"lengths": (4, 3), "ladder": (), "quality": 24},
-    "planes": {"lengths": (4, 3), "ladder": (), "profile": "planes", "quality": 0, "degree": 0},
     "ladder": {"lengths": (3, 2, 2), "clicks": [0.1], "paged": True},
 }
 """Streams of 80 splats that tests share: one with several renditions, sound, and two groups in a page of the index."""

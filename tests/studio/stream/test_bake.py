@@ -13,12 +13,11 @@ from v3studio.studio.errors import Cancelled, StudioError
 from v3studio.studio.stream import BakeSettings, bake_group, write_manifest
 from v3studio.studio.stream.video import PlaneEncoder
 
-PLANES = BakeSettings(profile="planes")
+FAST = BakeSettings(preset="ultrafast")
 
 
-@pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_a_cancelled_and_a_failed_bake_leave_all(tmp_path: Path, profile: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    settings = BakeSettings(profile=profile)
+def test_a_cancelled_and_a_failed_bake_leave_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = FAST
     write_manifest(tmp_path, [bake_group(clouds(3, 100), tmp_path, 0, 0, settings)], 30, settings)
     before = contents(tmp_path)
     seen = []
@@ -42,9 +41,8 @@ def test_a_cancelled_and_a_failed_bake_leave_all(tmp_path: Path, profile: str, m
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_bad_frames_are_refused(tmp_path: Path, profile: str) -> None:
-    frames, settings = clouds(3, 100), BakeSettings(profile=profile)
+def test_bad_frames_are_refused(tmp_path: Path) -> None:
+    frames, settings = clouds(3, 100), FAST
     with refuses("bake.no_frames", group=0):
         bake_group([], tmp_path, 0, 0, settings)
     with refuses("bake.no_splats"):
@@ -65,23 +63,23 @@ def test_bad_frames_are_refused(tmp_path: Path, profile: str) -> None:
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     with refuses("bake.write_failed", file=tmp_path / "file" / "group_000"):
-        bake_group(clouds(1, 50), tmp_path / "file", 0, 0, PLANES)
+        bake_group(clouds(1, 50), tmp_path / "file", 0, 0, FAST)
 
 
 def test_groups_must_follow_each_other(tmp_path: Path) -> None:
-    baked = bake_group(clouds(2, 50), tmp_path, 0, 0, PLANES)
-    two = bake_group(clouds(2, 50), tmp_path, 1, 3, PLANES)  # a gap
+    baked = bake_group(clouds(2, 50), tmp_path, 0, 0, FAST)
+    two = bake_group(clouds(2, 50), tmp_path, 1, 3, FAST)  # a gap
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json"):
-        write_manifest(tmp_path, [baked, two], 30, PLANES)
+        write_manifest(tmp_path, [baked, two], 30, FAST)
     with refuses("bake.no_groups", file=tmp_path / "manifest.json"):
-        write_manifest(tmp_path, [], 30, PLANES)
+        write_manifest(tmp_path, [], 30, FAST)
     with refuses("bake.manifest_invalid", file=tmp_path / "manifest.json") as caught:
-        write_manifest(tmp_path, [baked], float("nan"), PLANES)
+        write_manifest(tmp_path, [baked], float("nan"), FAST)
     assert "fps" in str(caught.value)
     file = tmp_path / baked.files[0].path
     file.write_bytes(b"short")
     with refuses("bake.group_changed", file=file, value=5, group=0):
-        write_manifest(tmp_path, [baked], 30, PLANES)
+        write_manifest(tmp_path, [baked], 30, FAST)
 
 
 def test_a_power_cut_leaves_no_manifest_of_lost_files(make_ladder: MakeLadder, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,9 +23,8 @@ def manifest_of(folder):
     return json.loads((folder / "manifest.json").read_bytes())
 
 
-@pytest.mark.parametrize("profile", ["motion", "planes"])
-def test_every_rendition_has_all_frames(make_ladder: MakeLadder, profile: str) -> None:
-    folder = make_ladder((4, 3), profile=profile)
+def test_every_rendition_has_all_frames(make_ladder: MakeLadder) -> None:
+    folder = make_ladder((4, 3))
     with StreamReader.open(folder) as reader:
         assert [rendition.id for rendition in reader.manifest.renditions] == ["qp24", "qp34", "qp34-splats50-sh0"]
         assert [rendition.pruning for rendition in reader.manifest.renditions] == ["none", "none", "importance"]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -32,13 +31,11 @@ def test_the_published_schema_is_the_programs() -> None:
     assert json.loads(SCHEMA.read_text()) == manifest_schema()
 
 
-@pytest.mark.parametrize("kind", ["planes", "ladder"])
-def test_a_written_manifest_has_the_keys_of_the_schema(intact: FindStream, kind: str) -> None:
+def test_a_written_manifest_has_the_keys_of_the_schema(intact: FindStream) -> None:
     definitions = json.loads(SCHEMA.read_text())["$defs"]
-    values = json.loads((intact(kind) / "manifest.json").read_text())
+    values = json.loads((intact("ladder") / "manifest.json").read_text())
     group = values["groups"][0]
-    rendition = "PlanesRendition" if kind == "planes" else "MotionRendition"
-    for name, found in (("Manifest", values), ("GroupEntry", group), (rendition, group["renditions"][0])):
+    for name, found in (("Manifest", values), ("GroupEntry", group), ("Rendition", group["renditions"][0])):
         known, needed = set(definitions[name]["properties"]), set(definitions[name]["required"])
         assert needed <= set(found) == known - {"dilation"}  # left out where it is the usual one
 
@@ -77,10 +74,6 @@ def first(*keys):
     return group("renditions", 0, *keys)
 
 
-def plane(*keys):
-    return first("components", 3, "planes", 0, *keys)
-
-
 NAN, INFINITY = float("nan"), float("inf")
 PATHS = (
     "../secret.mp4",
@@ -95,10 +88,6 @@ DAMAGE = {
     "motion": [
         *((("version",), value, "manifest.wrong_version") for value in (VERSION + 1, VERSION - 1, str(VERSION), True)),
         (("format",), "something", "manifest.wrong_format"),
-        *((("profile",), value, "literal_error") for value in ("gaussian", 7)),
-        (set_at(("profile",), "planes"), (), "scan"),
-        (set_at(("scan",), "rows"), (), "scan"),
-        (("codec", "name"), "mjpeg", "literal_error"),
         (("fps",), 0, "greater_than"),
         (("fps",), NAN, "finite_number"),
         (("frame_count",), 10**9, "less_than_equal"),
@@ -131,23 +120,12 @@ DAMAGE = {
         (set_at(first("channels", 10, "step"), 1e9), first("channels", 10), "value_range"),
         *((first("dilation"), value, None) for value in (0, -0.1, 1.5, 1e300, "0.1", None, True, [0.1])),
     ],
-    "planes": [
-        (set_at(("codec", "name"), "hevc"), (), "codec"),
-        *((set_at(plane("path"), path), plane(), "path_not_hash") for path in PATHS),
-        (set_at(first("side"), 8000), first(), "plane_side"),
-        (first("components", 3, "min"), NAN, "finite_number"),
-        (first("components", 3, "max"), INFINITY, "finite_number"),
-        (first("components", 3, "max"), 1e300, "less_than_equal"),
-        (set_at(first("components", 3, "min"), 1e6), first("components", 3), "range_order"),
-        (set_at(first("components", 7, "max"), 90.0), first("components", 7), "value_range"),
-        (plane("bytes"), 10**15, "less_than_equal"),
-        (plane("bytes"), -5, "greater_than_equal"),
-        (plane("sha256"), "xyz", "string_pattern_mismatch"),
-        (set_at(plane("part"), "high"), first(), "parts"),
-        (lambda values: values["groups"][0]["renditions"][0]["components"].pop(), first(), "components"),
-        (first("dilation"), 1.5, "less_than_equal"),
-    ],
     "ladder": [
+        *((set_at(first("video", "path"), path), first("video"), "path_not_hash") for path in PATHS),
+        (first("video", "bytes"), 10**15, "less_than_equal"),
+        (first("video", "bytes"), -5, "greater_than_equal"),
+        (first("video", "sha256"), "xyz", "string_pattern_mismatch"),
+        (lambda values: values["groups"][0]["renditions"][0]["channels"].pop(), first(), "channels"),
         (set_at(first("frame_count"), 2), group(), "rendition_frames"),
         (set_at(first("first_frame"), 1), group(), "rendition_frames"),
         (set_at(group("index"), 1), group(), "rendition_frames"),
@@ -307,12 +285,12 @@ def test_every_flipped_byte_of_the_manifest_is_noticed(intact: FindStream) -> No
 
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(number=st.integers(0, 2**32), place=st.sampled_from(["planes", "ladder", "page"]), signed=st.booleans())
+@given(number=st.integers(0, 2**32), place=st.sampled_from(["ladder", "page"]), signed=st.booleans())
 def test_any_value_is_refused_or_played(
     copy_of: FindStream, tmp_path: Path, number: int, place: str, signed: bool
 ) -> None:
     """A reader raises a StudioError or gives frames and sound, with and without a valid checksum."""
-    kind = "planes" if place == "planes" else "ladder"
+    kind = "ladder"
     stream = tmp_path / kind if (tmp_path / kind).exists() else copy_of(kind)
     path = stream / "manifest.json"
     original = path.read_bytes()
@@ -338,20 +316,3 @@ def test_any_value_is_refused_or_played(
     finally:
         path.write_bytes(original)
     assert message is None or len(message) < 1000
-
-
-def test_rotations_of_nothing_are_not_seen(copy_of: FindStream) -> None:
-    """All four numbers of the quaternions are 0: they describe no rotation."""
-    stream = copy_of("planes")
-
-    def change(values):
-        for component in values["groups"][0]["renditions"][0]["components"]:
-            if component["name"].startswith("quat_"):
-                component.update(min=0.0, max=0.0)
-
-    edit_manifest(stream, change)
-    with StreamReader.open(stream) as reader:
-        frame = reader.gaussians(0)
-        assert torch.isfinite(frame.quats).all()
-        assert (frame.opacities < 1 / 255).all()
-        assert (reader.gaussians(5).opacities > 1 / 255).any()

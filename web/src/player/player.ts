@@ -110,7 +110,7 @@ export class Player extends Playback<Picture> {
     this.screen.renderer = renderer;
     this.skipTime();
     if (this.info === null) return;
-    renderer.prepare(this.info.profile, this.info.shDegree);
+    renderer.prepare(this.info.shDegree);
     this.restore();
   }
 
@@ -169,7 +169,7 @@ export class Player extends Playback<Picture> {
     this.screen.dirty = true;
     super.opened(info);
     // The driver compiles while the first image is fetched and decoded.
-    this.screen.renderer.prepare(info.profile, info.shDegree);
+    this.screen.renderer.prepare(info.shDegree);
   }
 
   protected override ask(frame: number, seek: boolean): void {

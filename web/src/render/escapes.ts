@@ -1,6 +1,6 @@
 /** Splats with escapes (codes that do not fit into a byte), as a small image of their own. */
 
-import type { PictureLayout } from "../stream/picture.ts";
+import type { PictureLayout } from "../stream/layout.ts";
 
 const STEP = 8; // multiples of which sides are
 
@@ -15,7 +15,7 @@ export interface EscapedSplats {
   readonly statics: Uint32Array<ArrayBuffer>;
 }
 
-/** Copies the splats with escapes out of a frame of the profile motion. `luma`: the frame's image: (rows * tile, columns *
+/** Copies the splats with escapes out of a frame. `luma`: the frame's image: (rows * tile, columns *
  * tile). `statics`: (tile, tile, 4). `escapes`: (n, 4): pixel in the tile, channel, code, unused; those of a pixel follow one
  * another. */
 export function escapedSplats(

@@ -1,9 +1,8 @@
 /** Renders frames with WebGL2. */
 
 import type { Vector } from "../stream/metadata.ts";
-import { isMotion } from "../stream/manifest.ts";
 import { BLOCK_TEXELS } from "../stream/motion.ts";
-import { layoutOf, mirroredAxes, type PictureLayout, unitsOf } from "../stream/picture.ts";
+import { unitsOf } from "../stream/layout.ts";
 import type { GroupSetup, Picture } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
@@ -106,7 +105,6 @@ export interface DrawnView {
 
 /** Values that are derived from a group once. */
 interface RenderedGroup extends Pick<GroupSetup, "group" | "statics"> {
-  readonly layout: PictureLayout;
   readonly units: Float32Array;
 }
 
@@ -181,26 +179,23 @@ export class Renderer {
   }
 
   /** Compiles the shaders for such a stream in the background. */
-  prepare(profile: "motion" | "planes", shDegree: number): void {
-    this.resources?.project(imageSplats(profile, shDegree));
+  prepare(shDegree: number): void {
+    this.resources?.project(imageSplats(shDegree));
   }
 
   /** Uploads a group's shared data; only images of this group may follow until the next call. */
   setGroup({ group, statics }: GroupSetup): void {
     const { resources } = this;
     if (resources === null) return;
-    const layout = layoutOf(group);
-    const { tile, columns, rows } = layout;
-    this.setup = { group, statics, layout, units: unitsOf(group) };
+    const { tile, columns, rows } = group;
+    this.setup = { group, statics, units: unitsOf(group) };
     this.hasPicture = false;
     resources.luma.resize(tile * columns, tile * rows);
-    if (statics !== null) {
-      resources.statics.resize(tile, tile);
-      resources.statics.fill(statics);
-    }
+    resources.statics.resize(tile, tile);
+    resources.statics.fill(statics);
     this.moved = new Uint32Array(tile ** 2);
     resources.resizeWords(tile, tile);
-    if (isMotion(group)) resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(group.blocks.count / BLOCKS_PER_ROW));
+    resources.blocks.resize(BLOCKS_PER_ROW * BLOCK_TEXELS, Math.ceil(group.blocks.count / BLOCKS_PER_ROW));
   }
 
   /** Uploads a frame. */
@@ -208,7 +203,7 @@ export class Renderer {
     const { resources, setup } = this;
     if (resources === null || setup?.group.index !== picture.group) return;
     resources.luma.fill(picture.luma);
-    if (picture.blocks !== null) resources.blocks.fill(picture.blocks, picture.blocks.length / 4);
+    resources.blocks.fill(picture.blocks, picture.blocks.length / 4);
     this.setEscapes(resources, setup, picture);
     this.hasPicture = true;
     this.setOrder(picture.order, picture.count);
@@ -224,13 +219,13 @@ export class Renderer {
     this.count = count;
   }
 
-  private setEscapes(resources: Resources, { layout, units, statics }: RenderedGroup, { luma, escapes }: Picture): void {
+  private setEscapes(resources: Resources, { group, units, statics }: RenderedGroup, { luma, escapes }: Picture): void {
     for (const pixel of this.escapedPixels) this.moved[pixel] = 0;
     this.escapedPixels = new Uint32Array(0);
     this.escapedSide = 0;
-    if (escapes === null || statics === null) return;
-    const { tile, columns, rows } = layout;
-    const { pixels, side, luma: small, statics: few } = escapedSplats(layout, units.length / 2, luma, statics, escapes);
+    if (escapes === null) return;
+    const { tile, columns, rows } = group;
+    const { pixels, side, luma: small, statics: few } = escapedSplats(group, units.length / 2, luma, statics, escapes);
     resources.escapedLuma.resize(side * columns, side * rows);
     resources.escapedLuma.fill(small);
     resources.escapedStatics.resize(side, side);
@@ -312,32 +307,27 @@ export class Renderer {
   protected project(resources: Resources, pinhole: Pinhole): number {
     const { gl, escapedSide, setup } = this;
     if (setup === null || !this.hasPicture) return 0;
-    const { group, layout, units, statics } = setup;
+    const { group, units } = setup;
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
-    const program = resources.project(imageSplats(isMotion(group) ? "motion" : "planes", group.sh_degree));
+    const program = resources.project(imageSplats(group.sh_degree));
     program.use();
     gl.uniform2fv(program.at("units"), units);
-    if (isMotion(group)) {
-      const { min, step } = group.positions;
-      resources.blocks.bindTo(program, "blocks");
-      gl.uniform3f(program.at("latticeMin"), ...min);
-      gl.uniform2f(program.at("lattice"), step, step / group.blocks.radius);
-    } else {
-      gl.uniform1i(program.at("splats"), group.splats);
-      gl.uniform3i(program.at("mirrored"), ...(mirroredAxes(group).map(Number) as [number, number, number]));
-    }
+    const { min, step } = group.positions;
+    resources.blocks.bindTo(program, "blocks");
+    gl.uniform3f(program.at("latticeMin"), ...min);
+    gl.uniform2f(program.at("lattice"), step, step / group.blocks.radius);
     this.setPinhole(program, pinhole, centerOf(pinhole), group.dilation);
     const tile = (luma: Texture, texels: Texture, side: number, top: number): void => {
       gl.viewport(0, top, side, side);
       luma.bindTo(program, "luma");
-      if (statics !== null) texels.bindTo(program, "statics");
-      gl.uniform2i(program.at("layoutOf"), side, layout.columns);
+      texels.bindTo(program, "statics");
+      gl.uniform2i(program.at("layoutOf"), side, group.columns);
       gl.uniform2i(program.at("origin"), 0, top);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     };
-    tile(resources.luma, resources.statics, layout.tile, 0);
-    if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, layout.tile);
-    return layout.tile;
+    tile(resources.luma, resources.statics, group.tile, 0);
+    if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, group.tile);
+    return group.tile;
   }
 
   /** Sets what projecting depends on, besides the splats. `eye`: the camera's center in their coordinates. */

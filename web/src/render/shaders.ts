@@ -61,15 +61,14 @@ uniform sampler2D luma;
 uniform vec2 units[${count}];
 uniform ivec2 layoutOf; // side of a tile, columns
 ivec2 here;
-float byteAt(int c) {
+float v(int c) {
   ivec2 corner = ivec2(c % layoutOf.y, c / layoutOf.y) * layoutOf.x;
-  return floor(texelFetch(luma, corner + here, 0).r * 255.0 + 0.5);
-}
-float v(int c) { return byteAt(c) * units[c].y + units[c].x; }`;
+  return floor(texelFetch(luma, corner + here, 0).r * 255.0 + 0.5) * units[c].y + units[c].x;
+}`;
 }
 
-const MOTION = (shDegree: number): string => {
-  const { means, scales, opacities, sh } = tilesOf("motion", shDegree);
+const READ = (shDegree: number): string => {
+  const { means, scales, opacities, sh } = tilesOf(shDegree);
   return `
 uniform usampler2D statics;
 uniform sampler2D blocks;
@@ -103,45 +102,11 @@ vec3 harmonics(vec3 d) {
 }`;
 };
 
-const PLANES = (shDegree: number): string => {
-  const { means, scales, opacities, quats, sh } = tilesOf("planes", shDegree);
-  return `
-uniform int splats;
-uniform bvec3 mirrored;
-
-float place(int axis) {
-  int at = ${means} + 2 * axis;
-  float high = byteAt(at), low = byteAt(at + 1);
-  if (mirrored[axis] && mod(high, 2.0) > 0.5) low = 255.0 - low;
-  return units[at].x + high * units[at].y + low * units[at + 1].y;
-}
-
-bool read(out vec3 mean, out mat3 axes, out float opacity) {
-  if (here.y * layoutOf.x + here.x >= splats) return false;
-  mean = vec3(place(0), place(1), place(2));
-  opacity = v(${opacities});
-  vec3 scale = exp(vec3(v(${scales}), v(${scales + 1}), v(${scales + 2})));
-  vec4 quat = vec4(v(${quats}), v(${quats + 1}), v(${quats + 2}), v(${quats + 3}));
-  float size = length(quat);
-  if (!(size > 0.0)) return false;
-  axes = turned(quat / size);
-  axes = mat3(scale.x * axes[0], scale.y * axes[1], scale.z * axes[2]);
-  return true;
-}
-
-vec3 harmonics(vec3 d) {
-  vec3 color = vec3(0.0);
-  ${colorSum(shDegree, sh)}
-  return color;
-}`;
-};
-
 /** Reads splats from an image. */
-export const imageSplats = (profile: "motion" | "planes", shDegree: number): string =>
-  channels(tilesOf(profile, shDegree).count) + (profile === "motion" ? MOTION : PLANES)(shDegree);
+export const imageSplats = (shDegree: number): string => channels(tilesOf(shDegree).count) + READ(shDegree);
 
-/** The first pass. `splats`: the program's part that reads them. Words written: x, y in pixels (float bits); inverse covariance xx, xy, yy (float bits); red and green,
- * blue and opacity (half floats); 1 if the splat is visible. */
+/** The first pass. `splats`: the program's part that reads them. Words written: x, y in pixels (float bits); inverse covariance
+ * xx, xy, yy (float bits); red and green, blue and opacity (half floats); 1 if the splat is visible. */
 export function projectFragment(splats: string): string {
   return `${HEAD}
 layout(location = 0) out uvec4 first;

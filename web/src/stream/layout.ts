@@ -1,38 +1,45 @@
 /** Names, bounds and places of what a frame's image holds, as in studio/stream/attributes.py and layout.py. */
 
 import { names } from "stream-schema";
-import type { SplatArrays } from "./manifest_types.ts";
+import type { Rendition } from "./manifest_types.ts";
 import { MAX_VALUE } from "./metadata.ts";
 
-const MAX_LOG_SCALE = Math.log(MAX_VALUE);
 const MAX_SHAPE = 1e4;
 
-/** Bounds of a component's or channel's values, so that everything rendered is finite: scales end where positions do. */
+/** What channels describe. */
+export type Attribute = "means" | "scales" | "opacities" | "sh";
+
+/** Bounds of a channel's values, so that everything rendered is finite. */
 export function valueBounds(name: string): readonly [low: number, high: number] {
-  if (name.startsWith("shape_")) return [-MAX_SHAPE, MAX_SHAPE];
-  return [-MAX_VALUE, name.startsWith("log_scale") ? MAX_LOG_SCALE : MAX_VALUE];
+  const most = name.startsWith("shape_") ? MAX_SHAPE : MAX_VALUE;
+  return [-most, most];
 }
 
-/** Attributes with the names of their channels (`motion`) or components (`planes`), in order. Names with {k}
- * occur for each SH coefficient, others once. */
-export function attributeNames(profile: "motion" | "planes", shDegree: number): [attribute: keyof SplatArrays, names: string[]][] {
+/** Attributes with the names of their channels, in order. Names with {k} occur for each SH coefficient, others once. */
+export function attributeNames(shDegree: number): [attribute: Attribute, names: string[]][] {
   const repeated = Array.from({ length: (shDegree + 1) ** 2 }, (_, k) => String(k));
-  return Object.entries(names[profile]).map(([attribute, found]) => [
-    attribute as keyof SplatArrays,
+  return Object.entries(names).map(([attribute, found]) => [
+    attribute as Attribute,
     [...new Set(repeated.flatMap((k) => found.map((name) => name.replace("{k}", k))))],
   ]);
 }
 
-/** Number of the first tile of each attribute in the image, and of all tiles: one for each channel (`motion`) or plane
- * (`planes`, where a component of the means has two). */
-export function tilesOf(profile: "motion" | "planes", shDegree: number): Record<keyof SplatArrays | "count", number> {
+/** Number of the first tile of each attribute in the image, and of all tiles: one for each channel. */
+export function tilesOf(shDegree: number): Record<Attribute | "count", number> {
   let count = 0;
-  const first = attributeNames(profile, shDegree).map(([attribute, { length }]) => {
-    const at = count;
-    count += profile === "planes" && attribute === "means" ? 2 * length : length;
-    return [attribute, at];
-  });
-  return { ...(Object.fromEntries(first) as Record<keyof SplatArrays, number>), count };
+  const first = attributeNames(shDegree).map(([attribute, { length }]) => [attribute, (count += length) - length]);
+  return { ...(Object.fromEntries(first) as Record<Attribute, number>), count };
+}
+
+/** How a group's image holds its channels: tile c is at column c % columns, row c / columns. */
+export type PictureLayout = Pick<Rendition, "tile" | "columns" | "rows">;
+
+/** Width and height of a group's image. */
+export const pictureSize = ({ tile, columns, rows }: PictureLayout): [number, number] => [columns * tile, rows * tile];
+
+/** (C, 2) float32 base and step of each channel, in order, with value = base + code * step. */
+export function unitsOf({ channels }: Pick<Rendition, "channels">): Float32Array<ArrayBuffer> {
+  return Float32Array.from(channels.flatMap(({ offset, step }) => [offset - 128 * step, step]));
 }
 
 /** Distance from the image's first value to that of tile `number`. */
@@ -40,15 +47,13 @@ export function tileCorner({ tile, columns }: { readonly tile: number; readonly 
   return (Math.floor(number / columns) * tile * columns + (number % columns)) * tile;
 }
 
-/** The names of all channels or components, in order. */
-export function channelNames(profile: "motion" | "planes", shDegree: number): string[] {
-  return attributeNames(profile, shDegree).flatMap(([, found]) => found);
-}
+/** The names of all channels, in order. */
+export const channelNames = (shDegree: number): string[] => attributeNames(shDegree).flatMap(([, found]) => found);
 
-/** Side of the smallest square that fits `splats` pixels, rounded up to a multiple of `multiple`. */
-export function squareSide(splats: number, multiple: number): number {
-  let side = multiple * Math.max(1, Math.floor(Math.sqrt(splats) / multiple));
-  while (side * side < splats) side += multiple;
+/** Side of a tile in pixels for a number of splats. */
+export function tileSide(splats: number): number {
+  let side = 16 * Math.max(1, Math.floor(Math.sqrt(splats) / 16));
+  while (side * side < splats) side += 16;
   return side;
 }
 
@@ -61,7 +66,7 @@ function compact(value: number): number {
   return (bits | (bits >>> 8)) & 0x0000ffff;
 }
 
-/** Pixels of splats 0, 1, 2, ... in a tile (docs/STREAM.md, "Where splat i lies in a tile"): walks the Morton curve through
+/** Pixels of splats 0, 1, 2, ... in a tile (docs/STREAM.md, "Position of splat i in a tile"): walks the Morton curve through
  * the smallest square that holds the tile, and skips what is outside the tile. `tile`: side of the tile in pixels. `count`:
  * number of splats, at most tile^2. Returns row * tile + column for each splat. */
 export function tilePixels(tile: number, count: number): Uint32Array<ArrayBuffer> {

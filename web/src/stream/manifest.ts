@@ -4,7 +4,7 @@
 import { definitions } from "stream-schema";
 import { StreamError } from "./errors.ts";
 import { check, wrong } from "./json_schema.ts";
-import { channelNames, squareSide, valueBounds } from "./layout.ts";
+import { channelNames, tileSide, valueBounds } from "./layout.ts";
 import type * as stored from "./manifest_types.ts";
 import { MAX_VALUE, type Metadata, readMetadata } from "./metadata.ts";
 
@@ -19,10 +19,7 @@ const MAX_PICTURE = 16384; // pixels on a side
 const MAX_BLOCK_SPAN = 1e6; // largest extent of the keyframe's lattice in units of the blocks' radius
 const AUDIO_TOLERANCE = 0.1; // seconds by which sound may be longer than the frames
 
-export type { AudioEntry, GroupEntry, LumaCheck, MotionRendition, PlanesRendition, VideoEntry } from "./manifest_types.ts";
-
-/** A group in one of its renditions. */
-export type Rendition = stored.MotionRendition | stored.PlanesRendition;
+export type { AudioEntry, GroupEntry, LumaCheck, Rendition, VideoEntry } from "./manifest_types.ts";
 
 /** A file of the stream; `path` is relative to the manifest. */
 export type FileEntry = Pick<stored.VideoEntry, "path" | "bytes" | "sha256">;
@@ -46,12 +43,8 @@ export interface Manifest extends Omit<stored.Manifest, "pages" | "metadata"> {
   readonly spans: readonly Span[];
 }
 
-export const isMotion = (rendition: Rendition): rendition is stored.MotionRendition => "channels" in rendition;
-
 /** A rendition's files in the order in which a player needs them. */
-export function filesOf(rendition: Rendition): readonly FileEntry[] {
-  return isMotion(rendition) ? [rendition.side, rendition.video] : rendition.components.flatMap(({ planes }) => planes);
-}
+export const filesOf = ({ side, video }: Pick<stored.Rendition, "side" | "video">): readonly FileEntry[] => [side, video];
 
 function parseJson(text: string, problem: string): unknown {
   try {
@@ -73,9 +66,6 @@ export function parseManifest(text: string, bytes: number): Manifest {
     throw new StreamError(`The stream has format version ${String(version).slice(0, 20)}; this player plays version ${known}.`);
   check(head, definitions["Manifest"], definitions, "");
   const manifest = head as stored.Manifest;
-  const motion = manifest.profile === "motion";
-  if (manifest.scan !== (motion ? "morton" : "rows")) throw wrong("scan", `does not fit the profile ${manifest.profile}`, manifest.scan);
-  if (!motion && manifest.codec.name !== "h264") throw wrong("codec.name", "must be h264 in the profile planes", manifest.codec.name);
   checkBox(manifest.bounding_box, "bounding_box");
   const ids = new Set(manifest.renditions.map(({ id }) => id));
   if (ids.size < manifest.renditions.length) throw wrong("renditions", "has an id twice");
@@ -121,7 +111,7 @@ function indexPages(manifest: stored.Manifest, spans: Span[], firstFrame: number
 /** Checks groups that begin with group `number` and a frame; returns the frame after them. */
 function checkGroups(
   groups: readonly stored.GroupEntry[],
-  { profile, renditions }: Pick<Manifest, "profile" | "renditions">,
+  { renditions }: Pick<Manifest, "renditions">,
   number: number,
   frame: number,
   place: string,
@@ -133,7 +123,6 @@ function checkGroups(
       throw wrong(`${place}.${i}.renditions`, `must be ${renditions.length}`, group.renditions.length);
     group.renditions.forEach((one, k) => {
       const where = `${place}.${i}.renditions.${k}`;
-      if (isMotion(one) !== (profile === "motion")) throw wrong(where, `does not have the profile ${profile}`);
       for (const key of ["index", "first_frame", "frame_count"] as const)
         if (one[key] !== group[key]) throw wrong(`${where}.${key}`, `must be ${group[key]}`, one[key]);
       for (const key of ["id", "sh_degree"] as const)
@@ -147,16 +136,14 @@ function checkGroups(
   return frame;
 }
 
-function checkRendition(one: Rendition, place: string): void {
+function checkRendition(one: stored.Rendition, place: string): void {
   checkBox(one.bounding_box, `${place}.bounding_box`);
   const sum = filesOf(one).reduce((total, file) => total + file.bytes, 0);
   if (one.bytes !== sum) throw wrong(`${place}.bytes`, "is not the sum of its file sizes", one.bytes);
-  if (isMotion(one)) {
-    checkFile(one.side, `${place}.side`);
-    checkFile(one.video, `${place}.video`);
-    checkLumaChecks(one.video, one.frame_count, `${place}.video`);
-    checkMotion(one, place);
-  } else checkPlanes(one, place);
+  checkFile(one.side, `${place}.side`);
+  checkFile(one.video, `${place}.video`);
+  checkLumaChecks(one.video, one.frame_count, `${place}.video`);
+  checkTables(one, place);
 }
 
 function checkFile({ path, sha256 }: FileEntry, place: string): void {
@@ -179,10 +166,10 @@ function sameNames(found: readonly { readonly name: string }[], wanted: readonly
   return found.length === wanted.length && found.every((entry, i) => entry.name === wanted[i]);
 }
 
-function checkMotion(one: stored.MotionRendition, place: string): void {
+function checkTables(one: stored.Rendition, place: string): void {
   const { tile, columns, rows, channels, blocks, positions, splats } = one;
-  if (tile !== squareSide(splats, 16)) throw wrong(`${place}.tile`, `does not fit ${splats} splats`, tile);
-  if (!sameNames(channels, channelNames("motion", one.sh_degree)))
+  if (tile !== tileSide(splats)) throw wrong(`${place}.tile`, `does not fit ${splats} splats`, tile);
+  if (!sameNames(channels, channelNames(one.sh_degree)))
     throw wrong(`${place}.channels`, `do not match SH degree ${one.sh_degree}`);
   if (columns * rows < channels.length) throw wrong(place, `has ${columns} x ${rows} tiles for ${channels.length} channels`);
   if (Math.max(columns, rows) * tile > MAX_PICTURE) throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`);
@@ -195,23 +182,6 @@ function checkMotion(one: stored.MotionRendition, place: string): void {
     const [low, high] = valueBounds(name);
     if (offset - 128 * step < low || offset + 127 * step > high)
       throw wrong(place, `has values of ${name} beyond ${low} to ${high}`);
-  }
-}
-
-function checkPlanes(one: stored.PlanesRendition, place: string): void {
-  const { side, components, splats } = one;
-  if (side !== squareSide(splats, 8)) throw wrong(`${place}.side`, `does not fit ${splats} splats`, side);
-  if (side > MAX_PICTURE) throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`);
-  if (!sameNames(components, channelNames("planes", one.sh_degree)))
-    throw wrong(`${place}.components`, `do not match SH degree ${one.sh_degree}`);
-  for (const { name, min, max, planes } of components) {
-    const parts = planes.map((plane) => plane.part).join(" ");
-    const allowed = name.startsWith("mean_") ? ["high low", "high low_mirrored"] : ["all"];
-    if (min > max || max > valueBounds(name)[1] || !allowed.includes(parts)) throw wrong(place, `has an invalid component ${name}`);
-    for (const plane of planes) {
-      checkFile(plane, `${place}.${name}`);
-      checkLumaChecks(plane, one.frame_count, `${place}.${name}`);
-    }
   }
 }
 
@@ -236,7 +206,7 @@ function checkTotal(manifest: stored.Manifest, bytes: number): void {
 
 /** Whether a live stream's new manifest only adds groups (docs/STREAM.md, "Live streams"). */
 export function onlyGrows(old: Manifest, now: Manifest): boolean {
-  const head = ({ profile, fps, codec, renditions }: Manifest): string => [profile, fps, codec.name, ...renditions.map(({ id }) => id)].join();
+  const head = ({ fps, renditions }: Manifest): string => [fps, ...renditions.map(({ id }) => id)].join();
   const paths = ({ renditions }: stored.GroupEntry): string => renditions.flatMap((one) => filesOf(one).map(({ path }) => path)).join();
   return head(old) === head(now) &&
     old.spans.every(({ frameCount }, i) => frameCount === now.spans[i]?.frameCount) &&

@@ -1,7 +1,7 @@
 /** Decodes splats from a side file and a luma image, for sorting and for the shaders. */
 
 import { tileCorner, tilePixels, tilesOf } from "./layout.ts";
-import type { MotionRendition } from "./manifest.ts";
+import type { Rendition } from "./manifest.ts";
 import type { SideFile } from "./side_file.ts";
 
 /** RGBA32F texels per block in the table that the shader reads. */
@@ -23,7 +23,7 @@ export class MotionTables {
   private readonly keyframe: Float32Array;
   private readonly local: Float32Array;
 
-  constructor(readonly group: MotionRendition, readonly side: SideFile) {
+  constructor(readonly group: Rendition, readonly side: SideFile) {
     const { splats, blocks, positions, tile, columns } = group;
     const { cells, labels } = side;
     this.pixels = tilePixels(tile, splats);
@@ -127,7 +127,7 @@ export class MotionTables {
     const { splats, channels } = this.group;
     const { labels, classes, escapes } = this.side;
     const { offsets, keyframe, local } = this;
-    const { means } = tilesOf("motion", this.group.sh_degree);
+    const { means } = tilesOf(this.group.sh_degree);
     const [fx, fy, fz] = [means, means + 1, means + 2].map((c) => tileCorner(this.group, c));
     const gains = Float32Array.from({ length: 16 }, (_, c) => 2 ** c);
     // lookup table of value = offset + (code - 128) * step: 256 codes, three channels

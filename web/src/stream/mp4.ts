@@ -2,7 +2,6 @@
  * data. A library would read any MP4 file, and be as large as the rest of the player. */
 
 import { StreamError } from "./errors.ts";
-import type { Codec } from "./manifest_types.ts";
 
 export interface Sample {
   /** Place in the file. */
@@ -17,7 +16,6 @@ export interface Sample {
 }
 
 export interface VideoIndex {
-  readonly codec: Codec["name"];
   readonly config: VideoDecoderConfig & { readonly codedWidth: number; readonly codedHeight: number };
   /** The samples in the order of decoding, which differs from that of display where there are B-frames. */
   readonly samples: readonly Sample[];
@@ -134,7 +132,7 @@ function parseIndex(moov: Box, bytes: number, most: number): VideoIndex {
   });
   if (samples.length > 0 && !samples[0].key) throw new StreamError("its first picture needs others");
   if (samples.length > 0 && samples[0].picture !== 0) throw new StreamError("its first picture is not shown first");
-  return { ...description(table.find("stsd")), samples };
+  return { config: configOf(table.find("stsd")), samples };
 }
 
 /** Place of each sample in the order of display, which is that of the time stamps. */
@@ -211,41 +209,14 @@ function firstMediaTime(track: Box): number {
   return Math.max(time, 0);
 }
 
-const hex = (value: number, digits = 2): string => value.toString(16).toUpperCase().padStart(digits, "0");
+const hex = (value: number): string => value.toString(16).toUpperCase().padStart(2, "0");
 
 /** Codec, size and what a decoder must know, from the sample description. */
-function description(list: Box): Pick<VideoIndex, "codec" | "config"> {
+function configOf(list: Box): VideoIndex["config"] {
   const [name, entry] = list.children(8).entries().next().value ?? ["", list];
   const size = { codedWidth: entry.u16(24), codedHeight: entry.u16(26) };
   const inside = entry.children(78);
-  const [avc, hevc, av1] = ["avcC", "hvcC", "av1C"].map((one) => inside.get(one));
-  if (name === "avc1" && avc !== undefined) {
-    const codec = `avc1.${hex(avc.u8(1))}${hex(avc.u8(2))}${hex(avc.u8(3))}`;
-    return { codec: "h264", config: { codec, ...size, description: avc.bytes() } };
-  }
-  if ((name === "hvc1" || name === "hev1") && hevc !== undefined)
-    return { codec: "hevc", config: { codec: `${name}.${hevcParameters(hevc)}`, ...size, description: hevc.bytes() } };
-  if (name === "av01" && av1 !== undefined) return { codec: "av1", config: { codec: av1Codec(av1), ...size } };
-  throw new StreamError(`it contains ${JSON.stringify(name)}, not H.264, HEVC or AV1`);
-}
-
-/** ISO/IEC 14496-15, annex E. */
-function hevcParameters(box: Box): string {
-  const first = box.u8(1);
-  let compatible = 0;
-  for (let bit = 0; bit < 32; bit++) compatible = (compatible << 1) | ((box.u32(2) >>> bit) & 1);
-  const constraints = [6, 7, 8, 9, 10, 11].map((at) => box.u8(at));
-  while (constraints.at(-1) === 0) constraints.pop();
-  const space = ["", "A", "B", "C"][first >> 6];
-  const tier = (first & 32) === 0 ? "L" : "H";
-  const parts = [`${space}${first & 31}`, hex(compatible >>> 0, 1), `${tier}${box.u8(12)}`];
-  return [...parts, ...constraints.map((value) => hex(value, 1))].join(".");
-}
-
-/** AV1 Codec ISO Media File Format Binding, section 5. */
-function av1Codec(box: Box): string {
-  const [profile, flags] = [box.u8(1), box.u8(2)];
-  const depth = (flags & 64) === 0 ? 8 : (flags & 32) === 0 ? 10 : 12;
-  const level = String(profile & 31).padStart(2, "0");
-  return `av01.${profile >> 5}.${level}${(flags & 128) === 0 ? "M" : "H"}.${String(depth).padStart(2, "0")}`;
+  const avc = inside.get("avcC");
+  if (name !== "avc1" || avc === undefined) throw new StreamError(`it contains ${JSON.stringify(name)}, not H.264`);
+  return { codec: `avc1.${hex(avc.u8(1))}${hex(avc.u8(2))}${hex(avc.u8(3))}`, ...size, description: avc.bytes() };
 }

@@ -1,8 +1,8 @@
-/** Decompresses and parses the side file of the profile `motion` (docs/STREAM.md, "The side file"). */
+/** Decompresses and parses the side file (docs/STREAM.md, "The side file"). */
 
 import { messageOf, StreamError } from "./errors.ts";
 import { valueBounds } from "./layout.ts";
-import type { MotionRendition } from "./manifest.ts";
+import type { Rendition } from "./manifest.ts";
 
 const MAX_MOVE = 1e9;
 
@@ -187,7 +187,7 @@ function accumulate(differences: Int32Array, limit: number, what: string): Uint3
 }
 
 /** Parses a decompressed side file. StreamError: the bytes do not match the manifest. */
-export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile {
+export function parseSideFile(raw: Uint8Array, group: Rendition): SideFile {
   const cursor = new Cursor(raw);
   const { splats } = group;
   const blocks = group.blocks.count;
@@ -219,7 +219,7 @@ export function parseSideFile(raw: Uint8Array, group: MotionRendition): SideFile
 }
 
 /** Refuses escapes whose values are out of the bounds of their channel: they cannot be drawn. */
-function checkValues({ channels }: MotionRendition, channel: Uint8Array, beyond: Int32Array): void {
+function checkValues({ channels }: Rendition, channel: Uint8Array, beyond: Int32Array): void {
   for (let i = 0; i < channel.length; i++) {
     const { name, offset, step } = channels[channel[i]];
     const [low, high] = valueBounds(name);

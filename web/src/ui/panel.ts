@@ -33,7 +33,7 @@ function figures(player: Player, words: Words): [string, string][] {
     [names.received, info?.renditions.length === 1 ? words.of(received, bytes(info.totalBytes)) : received],
   ];
   if (info !== null) {
-    rows.push([names.stream, `${info.profile}, ${info.codec}, SH ${group?.sh_degree ?? info.shDegree}`]);
+    rows.push([names.stream, `SH ${group?.sh_degree ?? info.shDegree}`]);
     if (group !== null) {
       const rate = `${bytes(group.bytes / group.frame_count)} ${words.perFrame}, ${((8e-6 * group.bytes * info.fps) / group.frame_count).toFixed(1)} Mbit/s`;
       rows.push([names.rendition, info.renditions.length === 1 ? rate : `${words.of(group.id, String(info.renditions.length))}, ${rate}`]);

@@ -1,7 +1,6 @@
 /** Messages between the page and the worker. */
 
 import type { Rendition, Span } from "../stream/manifest.ts";
-import type { SplatArrays } from "../stream/manifest_types.ts";
 import type { Metadata, Vector } from "../stream/metadata.ts";
 import type { EmbeddedFiles } from "./source.ts";
 
@@ -86,8 +85,6 @@ export interface RenditionInfo {
 
 /** A stream's properties, for the player. */
 export interface StreamInfo extends Metadata {
-  readonly profile: "motion" | "planes";
-  readonly codec: string;
   readonly fps: number;
   readonly frameCount: number;
   readonly shDegree: number;
@@ -109,8 +106,8 @@ export interface GroupSetup {
   readonly group: Rendition;
   /** Milliseconds from the group's files to the first packet and the tables of its splats. */
   readonly prepare: number;
-  /** (tile, tile, 4), see MotionTables.statics; null in `planes`. */
-  readonly statics: Uint32Array<ArrayBuffer> | null;
+  /** (tile, tile, 4), see MotionTables.statics. */
+  readonly statics: Uint32Array<ArrayBuffer>;
 }
 
 export interface Picture {
@@ -119,13 +116,27 @@ export interface Picture {
   /** Sent with an image if the page does not have its group's setup. */
   readonly setup: GroupSetup | null;
   readonly luma: Uint8Array<ArrayBuffer>;
-  readonly blocks: Float32Array<ArrayBuffer> | null;
+  readonly blocks: Float32Array<ArrayBuffer>;
   readonly escapes: Int32Array<ArrayBuffer> | null;
   readonly order: Uint32Array<ArrayBuffer>;
   /** How many entries of `order` to draw. */
   readonly count: number;
   /** Milliseconds for this frame: video decoding (wall-clock service time of one image), dequantizing positions, sorting. */
   readonly timings: { readonly decode: number; readonly dequantize: number; readonly sort: number };
+}
+
+/** The numbers of splats, float32. */
+export interface SplatArrays {
+  /** (N, 3) centers in world units. */
+  readonly means: Float32Array<ArrayBuffer>;
+  /** (N, 4) unit quaternions, wxyz. */
+  readonly quats: Float32Array<ArrayBuffer>;
+  /** (N, 3) standard deviations along the axes in world units. */
+  readonly scales: Float32Array<ArrayBuffer>;
+  /** (N) 0 to 1. */
+  readonly opacities: Float32Array<ArrayBuffer>;
+  /** (N, (degree + 1)^2, 3) coefficients of RGB: color = 0.5 + sum of basis * coefficient, in 3DGS' order and signs. */
+  readonly sh: Float32Array<ArrayBuffer>;
 }
 
 /** A frame's splats: float32, in one buffer. Values are those of docs/STREAM.md, "Splats". */
@@ -138,16 +149,6 @@ export interface Splats extends SplatArrays {
   readonly shDegree: number;
   /** Added to the diagonal of every projected covariance, in square pixels. */
   readonly dilation: number;
-  /** (N, 3) centers in world units. */
-  readonly means: Float32Array<ArrayBuffer>;
-  /** (N, 4) unit quaternions, wxyz. */
-  readonly quats: Float32Array<ArrayBuffer>;
-  /** (N, 3) standard deviations along the axes in world units. */
-  readonly scales: Float32Array<ArrayBuffer>;
-  /** (N) 0 to 1. */
-  readonly opacities: Float32Array<ArrayBuffer>;
-  /** (N, (degree + 1)^2, 3) coefficients of RGB: color = 0.5 + sum of basis * coefficient, in 3DGS' order and signs. */
-  readonly sh: Float32Array<ArrayBuffer>;
 }
 
 /** Reports of the worker about a stream, by name; also the events of `V3Stream`. */

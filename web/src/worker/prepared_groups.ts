@@ -1,27 +1,23 @@
 /** Groups that are ready to be played: their side file is parsed, and their video is open in a decoder that works here. */
 
 import { messageOf, StreamError } from "../stream/errors.ts";
-import { isMotion, type Manifest, type Rendition, type VideoEntry } from "../stream/manifest.ts";
+import { pictureSize } from "../stream/layout.ts";
+import type { Rendition, VideoEntry } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { readVideoIndex, type Sample, type VideoIndex } from "../stream/mp4.ts";
-import { pictureSize } from "../stream/picture.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
 import type { Arriving } from "./arriving.ts";
 import type { DecodePath, Report } from "./messages.ts";
 import { arrivingPictures, checkedPictures, type PictureSource, WebCodecsPictures } from "./pictures.ts";
-import { PlanesPictures } from "./planes_pictures.ts";
 import type { Pool } from "./pool.ts";
 import type { Files, GroupStore } from "./store.ts";
 import { VideoElementPictures } from "./video_pictures.ts";
 
-const NEEDS_WEBCODECS =
-  "Streams of the profile planes need WebCodecs, which this browser supports only on secure (HTTPS) pages, or not at all.";
 const KEPT = 3; // number of groups kept
 
 export interface Prepared {
   readonly group: Rendition;
-  /** The tables of a group of the profile `motion`, else null. */
-  readonly tables: MotionTables | null;
+  readonly tables: MotionTables;
   readonly pictures: PictureSource;
   /** All files are there and verified; until then, there may be the first picture only. */
   readonly complete: Promise<void>;
@@ -33,9 +29,7 @@ export class PreparedGroups {
   private readonly mayChangePath: boolean;
   private readonly groups = new Map<number, Promise<Prepared>>();
 
-  /** @throws StreamError - the browser cannot decode such a stream in this way */
   constructor(
-    private readonly manifest: Pick<Manifest, "codec" | "profile">,
     private readonly store: GroupStore,
     private readonly report: Report,
     private readonly pool: Pool,
@@ -43,7 +37,6 @@ export class PreparedGroups {
   ) {
     this.mayChangePath = path === "auto";
     this.path = path !== "auto" ? path : "VideoDecoder" in self ? "webcodecs" : "video";
-    if (this.path === "video" && manifest.profile === "planes") throw new StreamError(NEEDS_WEBCODECS);
   }
 
   has(index: number): boolean {
@@ -78,7 +71,7 @@ export class PreparedGroups {
   changePath(): boolean {
     if (!this.mayChangePath) return false;
     if (this.path === "webcodecs") this.path = "webcodecs-software";
-    else if (this.path === "webcodecs-software" && this.manifest.profile === "motion") this.path = "video";
+    else if (this.path === "webcodecs-software") this.path = "video";
     else return false;
     this.dropAll();
     return true;
@@ -87,13 +80,6 @@ export class PreparedGroups {
   private async read(index: number): Promise<Prepared> {
     const { group, files, complete } = await this.store.get(index);
     const began = performance.now();
-    if (!isMotion(group)) {
-      const videos = group.components.flatMap(({ planes }) => planes);
-      const open = (plane: number): Promise<PictureSource> =>
-        this.openVideo(files, videos[plane], [group.side, group.side], group.frame_count);
-      const pictures = new PlanesPictures(group, open, this.pool);
-      return { group, tables: null, pictures, complete, milliseconds: performance.now() - began };
-    }
     const side = files.get(group.side.path)!;
     // While this thread reads the side file, others decompress and decode.
     const inflating = side.whole().then((data) => inflate(data, group.side.raw_bytes));
@@ -116,7 +102,7 @@ export class PreparedGroups {
     frames: number,
   ): Promise<PictureSource> {
     const file = files.get(path)!;
-    const { config: stored, samples } = await checkedIndex(file, path, this.manifest.codec.name, size, frames);
+    const { config: stored, samples } = await checkedIndex(file, path, size, frames);
     let pictures: PictureSource;
     if (this.path === "video") pictures = new VideoElementPictures(this.report, await file.whole(), samples, size, this.pool);
     else {
@@ -135,21 +121,18 @@ export class PreparedGroups {
 }
 
 /** The index of a video file, before the rest of it has arrived. `name`: for messages. StreamError: not an MP4 file with one
- * video of that codec, size and length. */
+ * H.264 video of that size and length. */
 async function checkedIndex(
   file: Arriving,
   name: string,
-  codec: VideoIndex["codec"],
   size: readonly [number, number],
   frames: number,
 ): Promise<VideoIndex> {
   try {
     const index = await readVideoIndex((count) => file.prefix(count), file.bytes, frames);
     const { codedWidth, codedHeight } = index.config;
-    if (index.codec !== codec || codedWidth !== size[0] || codedHeight !== size[1])
-      throw new StreamError(
-        `it contains ${index.codec} video of ${codedWidth}x${codedHeight}, but the manifest specifies ${codec} of ${size[0]}x${size[1]}`,
-      );
+    if (codedWidth !== size[0] || codedHeight !== size[1])
+      throw new StreamError(`it has pictures of ${codedWidth}x${codedHeight}, but the manifest specifies ${size[0]}x${size[1]}`);
     if (index.samples.length < frames)
       throw new StreamError(`it has ${index.samples.length} frames, but the manifest specifies ${frames}`);
     return index;

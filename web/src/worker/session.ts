@@ -1,8 +1,7 @@
 /** An open stream: turns requests for frames into sorted images. */
 
 import { messageOf, Rebaked, StreamError } from "../stream/errors.ts";
-import { groupOfFrame, isMotion, type Manifest, MANIFEST_NAME, onlyGrows } from "../stream/manifest.ts";
-import { planePositions } from "../stream/picture.ts";
+import { groupOfFrame, type Manifest, MANIFEST_NAME, onlyGrows } from "../stream/manifest.ts";
 import { DepthSorter } from "../stream/sort.ts";
 import { ArchiveSource, rangesOf } from "./archive.ts";
 import { HttpSource } from "./http.ts";
@@ -23,7 +22,7 @@ const LONGEST_PAUSE = 5;
 interface Decoded {
   readonly frame: number;
   readonly positions: Float32Array<ArrayBuffer>;
-  readonly pixels: Uint32Array | null;
+  readonly pixels: Uint32Array;
 }
 
 export class Session {
@@ -78,7 +77,7 @@ export class Session {
     };
     this.store = new GroupStore(files, rule, fixed, request.maxTexture, fetched, (group) => this.improved(group), signal);
     this.store.loop = request.loop;
-    this.groups = new PreparedGroups(manifest, this.store, report, this.pool, request.path);
+    this.groups = new PreparedGroups(this.store, report, this.pool, request.path);
     signal.addEventListener("abort", () => this.groups.dropAll());
   }
 
@@ -207,12 +206,11 @@ export class Session {
     if (this.soundWanted) await this.bringSound();
   }
 
-  private deliverSplats(prepared: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
-    const { group, tables } = prepared;
+  private deliverSplats({ group, tables }: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
     const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
     const arrays = splatArrays(this.pool, count, shDegree);
-    const blocks = tables?.blocks(within) ?? null;
-    fillPositions(prepared, within, luma, blocks, arrays.means);
+    const blocks = tables.blocks(within);
+    tables.positions(within, luma, blocks, arrays.means);
     dequantize(group, tables, within, luma, blocks, arrays);
     this.pool.give(luma);
     this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [arrays.means.buffer]);
@@ -221,24 +219,24 @@ export class Session {
   private deliverPicture(prepared: Prepared, frame: number, within: number, { data: luma, decode }: Luma, axis: DepthAxis): void {
     const { group, tables, milliseconds: prepare } = prepared;
     const began = performance.now();
-    const blocks = tables?.blocks(within) ?? null;
+    const blocks = tables.blocks(within);
     const oldest = this.decoded.length > 1 ? this.decoded.pop()!.positions : null;
     const positions = oldest?.length === 3 * group.splats ? oldest : new Float32Array(3 * group.splats);
-    fillPositions(prepared, within, luma, blocks, positions);
+    tables.positions(within, luma, blocks, positions);
     const dequantize = performance.now() - began;
-    const decoded = { frame, positions, pixels: tables?.pixels ?? null };
+    const decoded = { frame, positions, pixels: tables.pixels };
     this.decoded.unshift(decoded);
     const { order, count, sort } = this.sorted(decoded, axis);
-    const setup = this.setupSent === group.index ? null : { group, prepare, statics: tables?.statics() ?? null };
+    const setup = this.setupSent === group.index ? null : { group, prepare, statics: tables.statics() };
     this.setupSent = group.index;
-    const escapes = tables?.escapes(within) ?? null;
+    const escapes = tables.escapes(within);
     const picture: Picture = {
       frame,
       group: group.index,
       setup,
       luma,
       blocks,
-      escapes: escapes !== null && escapes.length > 0 ? escapes : null,
+      escapes: escapes.length > 0 ? escapes : null,
       order,
       count,
       timings: { decode, dequantize, sort },
@@ -338,17 +336,8 @@ function openSource(
   return { source: new ArchiveSource((...range) => http.readRange(name, ...range), name), name: MANIFEST_NAME };
 }
 
-function fillPositions(
-  { group, tables }: Prepared, within: number, luma: Uint8Array, blocks: Float32Array | null, positions: Float32Array,
-): void {
-  if (isMotion(group)) tables!.positions(within, luma, blocks!, positions);
-  else planePositions(group, luma, positions);
-}
-
 function streamInfo(manifest: Manifest): StreamInfo {
   return {
-    profile: manifest.profile,
-    codec: manifest.codec.name,
     fps: manifest.fps,
     frameCount: manifest.frame_count,
     shDegree: manifest.renditions[0].sh_degree,

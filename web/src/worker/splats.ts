@@ -1,17 +1,17 @@
 /** Dequantizes all of a frame's splats, for engines that take arrays; the player's own shaders read the image instead. */
 
-import { attributeNames, channelNames, tileCorner, tilesOf } from "../stream/layout.ts";
+import { attributeNames, tileCorner, tilesOf, unitsOf } from "../stream/layout.ts";
 import type { Rendition } from "../stream/manifest.ts";
-import type { SplatArrays } from "../stream/manifest_types.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
-import { layoutOf, type PictureLayout, unitsOf } from "../stream/picture.ts";
+import type { SplatArrays } from "./messages.ts";
 import type { Pool } from "./pool.ts";
 
 /** Arrays for a frame's splats, one after the other in a buffer. */
 export function splatArrays(pool: Pool, count: number, shDegree: number): SplatArrays {
-  const { buffer } = pool.take(4 * count * channelNames("planes", shDegree).length);
+  const lengths = { means: 3, sh: 3 * (shDegree + 1) ** 2, opacities: 1, scales: 3, quats: 4 };
+  const { buffer } = pool.take(4 * count * (lengths.sh + 11));
   let at = 0;
-  const arrays = attributeNames("planes", shDegree).map(([name, { length }]) => {
+  const arrays = Object.entries(lengths).map(([name, length]) => {
     const part = new Float32Array(buffer, 4 * at, count * length);
     at += count * length;
     return [name, part];
@@ -26,45 +26,37 @@ const clamped = (value: number): number => Math.min(Math.max(value, 0), 1);
 const same = (value: number): number => value;
 
 /** Fills in everything but the means. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's block
- * table; it and `tables` are null in the profile `planes`. */
+ * table. */
 export function dequantize(
   group: Rendition,
-  tables: MotionTables | null,
+  tables: MotionTables,
   within: number,
   luma: Uint8Array,
-  blocks: Float32Array | null,
+  blocks: Float32Array,
   out: SplatArrays,
 ): void {
   const { splats: count, sh_degree: shDegree } = group;
-  const layout = layoutOf(group);
   const units = unitsOf(group);
-  const offsets = tables?.offsets ?? rowOffsets(count, layout);
+  const { offsets } = tables;
   const { quats, scales, opacities, sh } = out;
-  const motion = tables !== null;
-  const profile = motion ? "motion" : "planes";
-  const tiles = tilesOf(profile, shDegree);
-  // By tile. In the profile `motion`, quaternions and scales hold the shapes until `findAxes`.
+  const tiles = tilesOf(shDegree);
+  // By tile. Quaternions and scales hold the shapes until `findAxes`.
   const targets = new Map<number, Target>();
-  for (const [name, { length }] of attributeNames(profile, shDegree)) {
+  for (const [name, { length }] of attributeNames(shDegree)) {
     if (name === "means") continue;
     for (let k = 0; k < length; k++) {
       const shape: Target = k < 3 ? [quats, 4, k + 1] : [scales, 3, k - 3];
-      targets.set(tiles[name] + k, motion && name === "scales" ? shape : [out[name], length, k]);
+      targets.set(tiles[name] + k, name === "scales" ? shape : [out[name], length, k]);
     }
   }
-  const meaning = ([array]: Target): ((value: number) => number) =>
-    array === scales && !motion ? Math.exp : array === opacities ? clamped : same;
+  const meaning = ([array]: Target): ((value: number) => number) => (array === opacities ? clamped : same);
   targets.forEach((target, channel) => {
     const finish = meaning(target);
     const values = Float32Array.from({ length: 256 }, (_, code) => finish(units[2 * channel] + code * units[2 * channel + 1]));
-    const corner = tileCorner(layout, channel);
+    const corner = tileCorner(group, channel);
     const [array, stride, begin] = target;
     for (let i = 0, to = begin; i < count; i++, to += stride) array[to] = values[luma[corner + offsets[i]]];
   });
-  if (tables === null) {
-    normalize(quats);
-    return;
-  }
   const { starts, channel, splat, code } = tables.side.escapes;
   for (let e = starts[within]; e < starts[within + 1]; e++) {
     const target = targets.get(channel[e]);
@@ -73,20 +65,8 @@ export function dequantize(
     array[stride * splat[e] + begin] = meaning(target)(units[2 * channel[e]] + code[e] * units[2 * channel[e] + 1]);
   }
   findAxes(quats, scales);
-  turn(quats, tables.side.labels, blocks!);
+  turn(quats, tables.side.labels, blocks);
   mixColors(sh);
-}
-
-/** Distances from a tile's first value in the image, for splats in rows. */
-function rowOffsets(count: number, { tile, columns }: PictureLayout): Uint32Array {
-  return Uint32Array.from({ length: count }, (_, i) => Math.floor(i / tile) * tile * columns + (i % tile));
-}
-
-function normalize(quats: Float32Array): void {
-  for (let q = 0; q < quats.length; q += 4) {
-    const size = Math.hypot(quats[q], quats[q + 1], quats[q + 2], quats[q + 3]) || 1;
-    for (let k = 0; k < 4; k++) quats[q + k] /= size;
-  }
 }
 
 const SWEEPS = 3;

@@ -1,8 +1,8 @@
 /** Cache of fetched groups: limited in size, fetched ahead of the playhead, one group at a time. */
 
 import { StreamError } from "../stream/errors.ts";
+import { pictureSize } from "../stream/layout.ts";
 import { filesOf, type Rendition } from "../stream/manifest.ts";
-import { pictureSize } from "../stream/picture.ts";
 import { Arriving } from "./arriving.ts";
 import type { RateRule } from "./rate_rule.ts";
 import { readChecked } from "./source.ts";

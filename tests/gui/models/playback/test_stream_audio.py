@@ -19,7 +19,7 @@ FPS, FRAMES = 25, 10
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten frames with a click in frame 5."""
-    settings = BakeSettings(profile="planes", quality=0)
+    settings = BakeSettings(quality=0)
     folder = tmp_path_factory.mktemp("sounding") / "stream"
     return bake_numbered(folder, (6, 4), FPS, settings=settings, sound=clicks(FRAMES / FPS, [5.2 / FPS]))
 

@@ -3,12 +3,12 @@
 import pytest
 
 from v3studio.studio.stream.encode.decoder_limits import beyond_hardware
-from v3studio.studio.stream.manifest import GroupEntry, MotionRendition, PlanesRendition, Pruning, Rendition, VideoEntry
+from v3studio.studio.stream.manifest import GroupEntry, Pruning, Rendition, VideoEntry
 
 
-def warned(rendition: Rendition, fps: float = 25.0, codec: str = "h264") -> bool:
+def warned(rendition: Rendition, fps: float = 25.0) -> bool:
     group = GroupEntry.model_construct(index=4, renditions=(rendition,))
-    messages = beyond_hardware(group, fps, codec)
+    messages = beyond_hardware(group, fps)
     for message in messages:
         assert message.code == "bake.beyond_hardware"
         fields = {"rendition": "qp0", "group": 4, "size": list(rendition.size), "fps": fps}
@@ -17,10 +17,10 @@ def warned(rendition: Rendition, fps: float = 25.0, codec: str = "h264") -> bool
     return bool(messages)
 
 
-def motion(columns: int, rows: int, qp: int = 1, pruning: Pruning = "importance") -> MotionRendition:
+def motion(columns: int, rows: int, qp: int = 1, pruning: Pruning = "importance") -> Rendition:
     """A rendition whose video has tiles of 256 pixels."""
     video = VideoEntry.model_construct(qp=qp)
-    return MotionRendition.model_construct(id="qp0", tile=256, columns=columns, rows=rows, video=video, pruning=pruning)
+    return Rendition.model_construct(id="qp0", tile=256, columns=columns, rows=rows, video=video, pruning=pruning)
 
 
 @pytest.mark.parametrize(
@@ -38,10 +38,5 @@ def motion(columns: int, rows: int, qp: int = 1, pruning: Pruning = "importance"
         (motion(4, 4, qp=0, pruning="none"), 25.0, False),  # the best rendition, which was asked to be lossless
     ],
 )
-def test_limits_of_level_5_1(rendition: MotionRendition, fps: float, beyond: bool) -> None:
+def test_limits_of_level_5_1(rendition: Rendition, fps: float, beyond: bool) -> None:
     assert warned(rendition, fps) == beyond
-    assert not warned(rendition, fps, "hevc")
-
-
-def test_planes_are_decoded_in_software_anyway() -> None:
-    assert not warned(PlanesRendition.model_construct(id="qp0", side=4608, qp=0, pruning="none"))

@@ -1,4 +1,4 @@
-"""The values that the profile `planes` codes, as the losses see them, against the baker's own arrays."""
+"""The values that the paper codes, as the losses see them, against the arrays that are baked."""
 
 from dataclasses import replace
 
@@ -8,10 +8,9 @@ import torch
 
 from tests.studio.rasterizer.conftest import make_splats
 from v3studio.studio.gaussians import Gaussians
-from v3studio.studio.stream.attributes import components
+from v3studio.studio.stream.attributes import component_rows
 from v3studio.studio.stream.layout import component_frames
-from v3studio.studio.stream.planes_coding import PlanesCoding
-from v3studio.studio.stream.quantize import LEVELS_8, dequantize, quantize
+from v3studio.studio.training.coded_values import CodedValues
 
 
 def random_gaussians(count: int, seed: int = 0, dtype: torch.dtype = torch.float32) -> Gaussians:
@@ -22,23 +21,21 @@ def test_columns_are_the_bakers_components() -> None:
     before, now = random_gaussians(20, seed=1), random_gaussians(20, seed=2)
     # the baker's sign of the first frame is w >= 0; ours follows the previous frame, so start from that sign
     signed = torch.where(before.quats[:, :1] < 0, -before.quats, before.quats)
-    coding = PlanesCoding(replace(before, quats=signed))
+    coding = CodedValues(replace(before, quats=signed))
     values = coding.coded_values(now).numpy().T
     baked = list(component_frames([before, now]))[1]
-    names = [name for name, _ in components(1)]
-    for attribute, prefix in (("rotation", "quat_"), ("scale", "log_scale_"), ("opacity", "opacity")):
-        rows = [row for row, name in enumerate(names) if name.startswith(prefix)]
-        assert np.allclose(values[coding.attributes[attribute]], baked[rows], atol=1e-6)
-    sh = [row for row, name in enumerate(names) if name.startswith("sh_")]
+    rows = component_rows(1)
+    for attribute, name in (("rotation", "quats"), ("scale", "scales"), ("opacity", "opacities")):
+        assert np.allclose(values[coding.attributes[attribute]], baked[rows[name]], atol=1e-6)
     colors = np.concatenate([values[coding.attributes["color"]], values[coding.attributes["sh"]]])
-    assert np.allclose(colors, baked[sh], atol=1e-6)
+    assert np.allclose(colors, baked[rows["sh"]], atol=1e-6)
     assert sum(part.stop - part.start for part in coding.attributes.values()) == len(values) == 20
 
 
 @pytest.mark.parametrize(("dtype", "error"), [(torch.float64, 1e-12), (torch.float32, 2e-6)])
 @pytest.mark.parametrize("count", [1, 1029])
 def test_the_kernel_equals_the_definition(count: int, dtype: torch.dtype, error: float) -> None:
-    coding = PlanesCoding(random_gaussians(count, 1, dtype))
+    coding = CodedValues(random_gaussians(count, 1, dtype))
     results = []
     for function in (coding.coded_values, coding.coded_values_torch):
         leaves = random_gaussians(count, 0, dtype).map(lambda tensor: tensor.requires_grad_())
@@ -50,13 +47,8 @@ def test_the_kernel_equals_the_definition(count: int, dtype: torch.dtype, error:
         assert float(((fused - expected).abs() / (1 + expected.abs())).max()) < 10 * error
 
 
-def test_steps_are_the_bakers() -> None:
+def test_steps_divide_the_range_into_256_levels() -> None:
     splats = random_gaussians(500)
-    coding = PlanesCoding(splats)
+    coding = CodedValues(splats)
     values = coding.coded_values(splats)
-    low, steps = values.amin(0), coding.steps(values)
-    codes = torch.round((values - low) / steps)
-    for column, plain in enumerate(values.numpy().T):
-        lowest, highest = float(plain.min()), float(plain.max())
-        baked = dequantize(quantize(plain, lowest, highest, LEVELS_8), lowest, highest, LEVELS_8)
-        assert np.abs((codes * steps + low)[:, column].numpy() - baked).max() < 1e-5
+    assert torch.allclose(255 * coding.steps(values), values.amax(0) - values.amin(0))

@@ -1,4 +1,4 @@
-"""Frames of the profile `motion` are the same by the C++ kernel as by their definition in NumPy."""
+"""Frames are the same by the C++ kernel as by their definition in NumPy."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +12,8 @@ from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer.cpu import load_kernels
 from v3studio.studio.rasterizer.kernels import definitions_only
 from v3studio.studio.stream import BakeSettings, StreamReader, bake_group, write_manifest
-from v3studio.studio.stream.decoders.motion import GroupTables
-from v3studio.studio.stream.manifest import MotionRendition
+from v3studio.studio.stream.decoder import GroupTables
+from v3studio.studio.stream.manifest import Rendition
 from v3studio.studio.stream.motion_state import Side
 
 SPLATS = 1001  # not a multiple of the kernel's blocks
@@ -33,13 +33,13 @@ def with_odd_colors(frames: list[Gaussians]) -> list[Gaussians]:
 
 @pytest.mark.parametrize("degree", [0, 3])
 def test_kernel_and_definition_agree(tmp_path: Path, degree: int) -> None:
-    settings = BakeSettings(profile="motion", preset="veryfast", quality=20)
+    settings = BakeSettings(preset="veryfast", quality=20)
     entry = bake_group(with_odd_colors(turned_bodies(4, SPLATS, degree)), tmp_path, 0, 0, settings)
     write_manifest(tmp_path, [entry], 30, settings)
     with StreamReader.open(tmp_path) as reader:
         group = reader.groups[0]
         files = reader.fetch(group)
-        assert isinstance(group, MotionRendition)
+        assert isinstance(group, Rendition)
         escapes = Side.parse(files[group.side.path], group).escapes.code
         assert len(escapes) > 0, "the test needs escapes"
         assert ((escapes < 0) | (escapes > 255)).all(), "the video has all others"

@@ -1,5 +1,9 @@
-"""Coding of the profile `planes`: each number of a splat in 8 bits over its range (paper, "Quantization")."""
+"""The values that the paper codes: each number of a splat in 8 bits over its range (paper, "Quantization").
 
+The losses that make them cheap to code (section 4.2) act on these; the stream's own channels are similar enough.
+"""
+
+import math
 from typing import Any
 
 import torch
@@ -10,8 +14,8 @@ from v3studio.studio.rasterizer.cpu import kernel_threads
 from v3studio.studio.rasterizer.kernels import kernels_for
 from v3studio.studio.stream.attributes import BY_NAME
 from v3studio.studio.stream.layout import plane_side
-from v3studio.studio.stream.quantize import LEVELS_8
 
+LEVELS = 255
 _MIN_STEP = 1e-3
 
 _TERMS = {"quats": "rotation", "scales": "scale", "opacities": "opacity", "sh": "color"}
@@ -21,16 +25,16 @@ def _columns(sh_degree: int) -> dict[str, slice]:
     """Columns of each term of the losses (paper, section 4.2), which count the first coefficient of SH as color."""
     columns, start = {}, 0
     for name, term in _TERMS.items():
-        count = len(BY_NAME[name].components)
+        count = math.prod(BY_NAME[name].tensor_shape(1, 0))
         columns[term] = slice(start, start + count)
         start += count
     if sh_degree > 0:
-        columns["sh"] = slice(start, start + len(BY_NAME["sh"].components) * ((sh_degree + 1) ** 2 - 1))
+        columns["sh"] = slice(start, start + 3 * ((sh_degree + 1) ** 2 - 1))
     return columns
 
 
 class _Fused(torch.autograd.Function):
-    """`PlanesCoding.coded_values` and its gradient, each in one pass."""
+    """`CodedValues.coded_values` and its gradient, each in one pass."""
 
     @staticmethod
     def forward(
@@ -51,8 +55,8 @@ class _Fused(torch.autograd.Function):
         return None, None, *gradients
 
 
-class PlanesCoding:
-    """The values that the profile codes for one frame's N splats, given the `previous` frame of the same group: unit
+class CodedValues:
+    """The values that are coded for one frame's N splats, given the `previous` frame of the same group: unit
     quaternions with continuous sign, log scales, opacities and SH, each cut into 256 levels. Means are left out: the
     losses that use this act on the other attributes only (paper, section 4.2)."""
 
@@ -82,4 +86,4 @@ class PlanesCoding:
     def steps(self, values: Tensor) -> Tensor:
         """Step of each channel, (C,), from (N, C) coded values; at least 1e-3: a channel that is nearly constant in
         this frame has a larger range over the group, which the baker measures, but which training does not know."""
-        return ((values.amax(0) - values.amin(0)) / LEVELS_8).clamp_min(_MIN_STEP).detach()
+        return ((values.amax(0) - values.amin(0)) / LEVELS).clamp_min(_MIN_STEP).detach()

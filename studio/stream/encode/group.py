@@ -1,4 +1,4 @@
-"""Encoder of the profile `motion`: keyframe means and block motion in a side file, everything else in one video."""
+"""Encoder of a group: keyframe means and block motion in a side file, everything else in one video."""
 
 import math
 import os
@@ -13,8 +13,7 @@ import numpy as np
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.progress import ProgressFn
 from v3studio.studio.rotations import mrp_to_quats, quat_conjugate, quat_multiply, quats_to_mrp
-from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows, channels
-from v3studio.studio.stream.codecs import CODECS
+from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, channel_rows, channels, component_rows
 from v3studio.studio.stream.encode.files import named_by_content
 from v3studio.studio.stream.encode.paths import carry_hidden_splats, smooth_paths
 from v3studio.studio.stream.layout import component_frames, tile_grid, tile_side, typical_size
@@ -23,7 +22,7 @@ from v3studio.studio.stream.manifest import (
     Box,
     ChannelEntry,
     Lattice,
-    MotionRendition,
+    Rendition,
     SideEntry,
     VideoEntry,
     point,
@@ -49,14 +48,14 @@ _OUTLIERS = 4  # splats at either end that may do so if they would at least doub
 _MAX_CODE = float(1 << 30)  # of an escape; the side file has 32 bits
 
 
-class MotionBake:
+class GroupBake:
     """One group, held in memory, keyframe first. The constructor analyzes it once; `write` can then be called for any
     QP. `progress` is called before each frame, so that it can cancel."""
 
     def __init__(self, frames: Sequence[Gaussians], progress: ProgressFn) -> None:
         self._count, self._splats, self._degree = len(frames), len(frames[0]), frames[0].sh_degree
         self._dilation = frames[0].dilation
-        rows = attribute_rows("planes", self._degree)
+        rows = component_rows(self._degree)
         order: np.ndarray | None = None
         values: list[np.ndarray] = []
         for components in component_frames(frames):
@@ -95,7 +94,7 @@ class MotionBake:
 
     def _without_turns(self, quats: np.ndarray) -> dict[str, np.ndarray]:
         """(F, C, N) channels of each attribute but the means, as they are in blocks that do not rotate."""
-        parts = {name: self._values[:, rows] for name, rows in attribute_rows("planes", self._degree).items()}
+        parts = {name: self._values[:, rows] for name, rows in component_rows(self._degree).items()}
         shapes = np.empty((self._count, 6, self._splats), dtype=np.float32)
         for frame, scales in enumerate(np.exp(parts["scales"])):
             own = quats[frame]
@@ -115,7 +114,7 @@ class MotionBake:
         progress: ProgressFn,
         threads: int,
         fps: float,
-    ) -> MotionRendition:
+    ) -> Rendition:
         """Write side file and video into `folder`, under the names of their content; `identity` has the values of the
         rendition that are not known here, `progress` is called with (frames encoded, frames)."""
         coarse = 2.0 ** ((settings.qp - _REFERENCE_QP) / 6)  # 6 QPs double the quantizer step of the codec
@@ -129,8 +128,8 @@ class MotionBake:
         if settings.smooths_paths:
             residuals = smooth_paths(residuals, _JITTER * self._step * self._importance, keep_first=True)
             attributes = self._smoothed
-        channel_rows = attribute_rows("motion", self._degree)
-        means = channel_rows["means"]
+        rows_of = channel_rows(self._degree)
+        means = rows_of["means"]
         steps = self._channel_steps(settings)
         classes = _classes(self._importance, residuals, steps[means.start])
         gains = np.ldexp(1.0, classes.astype(np.int64))
@@ -141,7 +140,7 @@ class MotionBake:
         scan = square_scan(tile, tile * tile)
         escapes: list[np.ndarray] = []
         parts = {"means": residuals.swapaxes(1, 2), **attributes}
-        coded = (values for name in channel_rows for values in parts[name].swapaxes(0, 1))
+        coded = (values for name in rows_of for values in parts[name].swapaxes(0, 1))
         for index, (channel, step, values) in enumerate(zip(channels(self._degree), steps, coded, strict=True)):
             if means.start <= index < means.stop:
                 offset, values = 0.0, values / gains
@@ -165,9 +164,8 @@ class MotionBake:
         (folder / "motion.bin").write_bytes(data)
         self._encode(pictures, folder / "video.mp4", settings, progress, fps)
         side_entry = SideEntry(**dict(named_by_content(folder / "motion.bin")), raw_bytes=raw_bytes)
-        qp, facts = CODECS[settings.codec].own_qp(settings.qp), dict(named_by_content(folder / "video.mp4"))
-        video = VideoEntry.model_construct(**facts, qp=qp, checks=())
-        return MotionRendition.model_construct(
+        video = VideoEntry.model_construct(**dict(named_by_content(folder / "video.mp4")), qp=settings.qp, checks=())
+        return Rendition.model_construct(
             **identity,
             splats=self._splats,
             sh_degree=self._degree,
@@ -191,20 +189,20 @@ class MotionBake:
         a finer or coarser step, 6 QPs per factor of two.
         """
         steps: list[float] = []
-        for attribute in map(BY_NAME.__getitem__, attribute_rows("motion", self._degree)):
+        for attribute in map(BY_NAME.__getitem__, channel_rows(self._degree)):
             base = attribute.steps
             if attribute.name == "means":
                 base = (self._step / 2,) * 3
             elif attribute.name == "scales":
                 base = tuple(step * math.sqrt(self._typical) for step in base)
-            qp = settings.attribute_qps.get(attribute.qp_name, settings.qp)
+            qp = settings.attribute_qps.get(attribute.name, settings.qp)
             steps += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(self._degree)
         return steps
 
     @cached_property
     def _smoothed(self) -> dict[str, np.ndarray]:
         """(F, C, N) float64 channels of each attribute but the means, each channel smoothed on its own."""
-        steps, rows = self._channel_steps(BakeSettings()), attribute_rows("motion", self._degree)
+        steps, rows = self._channel_steps(BakeSettings()), channel_rows(self._degree)
         smoothed = {}
         for name, values in self._unmoving.items():
             channels = zip(values.swapaxes(0, 1), steps[rows[name]], strict=True)
@@ -217,7 +215,7 @@ class MotionBake:
     ) -> None:
         size = (pictures.shape[2], pictures.shape[1])
         b_frames = min(settings.b_frame_count, max(self._count - 2, 0))
-        encoder = PlaneEncoder(path, size, settings.qp, settings.preset, settings.codec, b_frames=b_frames, fps=fps)
+        encoder = PlaneEncoder(path, size, settings.qp, settings.preset, b_frames, fps)
         with encoding([encoder], threads=1):
             for number, picture in enumerate(pictures):
                 encoder.add(picture)

@@ -1,18 +1,20 @@
-"""Decoder of the profile `motion`, the exact inverse of `encode.motion`: one video and a side file to Gaussians."""
+"""Decoder of a group, the exact inverse of `encode.group`: one video and a side file to Gaussians."""
 
-from collections.abc import Mapping
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer.kernels import kernels_for
 from v3studio.studio.rotations import quat_multiply
-from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, attribute_rows
-from v3studio.studio.stream.decoders.decoder import DecodedFrame, GroupDecoder, check_luma
-from v3studio.studio.stream.manifest import MotionRendition
+from v3studio.studio.stream.attributes import ATTRIBUTES, BY_NAME, channel_rows
+from v3studio.studio.stream.manifest import Rendition, VideoEntry
 from v3studio.studio.stream.morton import square_scan
 from v3studio.studio.stream.motion_state import MotionState, Side
 from v3studio.studio.stream.shapes import shape_axes
@@ -22,10 +24,23 @@ from v3studio.studio.stream.video import PlaneDecoder
 _KERNEL = ("means", "scales", "opacities", "sh")  # attributes whose channels `dequantize` reads, in its order
 
 
+@dataclass(frozen=True, eq=False)
+class DecodedFrame:
+    """One frame, decoded but not dequantized: what its video shows, (height, width) uint8, and what makes splats of
+    it."""
+
+    picture: np.ndarray
+    convert: Callable[[np.ndarray], Gaussians]
+
+    def gaussians(self) -> Gaussians:
+        """The splats in the stream's order (Morton order of the keyframe), float32 on the CPU. Thread safe."""
+        return self.convert(self.picture)
+
+
 class GroupTables:
     """The parsed side file, and the pixel of each number of a splat. Raises ValueError: not as in the manifest."""
 
-    def __init__(self, group: MotionRendition, data: bytes) -> None:
+    def __init__(self, group: Rendition, data: bytes) -> None:
         self.group = group
         side = Side.parse(data, group)
         self.state = MotionState(group.positions, group.blocks, side, np.float32)
@@ -44,7 +59,8 @@ class GroupTables:
         self._starts = np.searchsorted(escapes.frame[order], np.arange(group.frame_count + 1))
         self._steps = np.array([entry.step for entry in group.channels], dtype=np.float32)
         self._offsets = np.array([entry.offset - 128 * entry.step for entry in group.channels], dtype=np.float32)
-        read = [attribute_rows("motion", group.sh_degree)[name] for name in _KERNEL]
+        rows_of = channel_rows(group.sh_degree)
+        read = [rows_of[name] for name in _KERNEL]
         self._read = np.concatenate([np.arange(part.start, part.stop) for part in read])
         self._inputs = {  # as the kernel takes them
             "pixels": self.pixels.astype(np.int32),
@@ -102,7 +118,7 @@ class GroupTables:
 
     def values(self, index: int, picture: np.ndarray, attribute: str) -> np.ndarray:
         """(C, N) float32 values of an attribute's channels in frame `index` of the group, classes not yet applied."""
-        rows = attribute_rows("motion", self.group.sh_degree)[attribute]
+        rows = channel_rows(self.group.sh_degree)[attribute]
         flat = picture.reshape(-1)
         values = np.array([flat[first:].take(self.pixels) for first in self.first[rows]], dtype=np.float32)
         begin, end = self._starts[index : index + 2]
@@ -114,14 +130,17 @@ class GroupTables:
         return values
 
 
-class MotionDecoder(GroupDecoder):
-    """Decodes one group of the profile `motion`. Raises StudioError: a file does not match the manifest."""
+class GroupDecoder:
+    """Decodes the frames of one group in order; `next_frame`: index in the stream of the one that `read` returns.
 
-    def __init__(self, group: MotionRendition, files: Mapping[str, bytes], name: str, codec: str, threads: int) -> None:
-        super().__init__(group)
-        self._size, self._entry, self._name = group.size, group.video, name
-        path, pictures = group.video.path, group.frame_count
-        self._video = PlaneDecoder(files[path], f"{name}/{path}", group.size, pictures, codec, threads)
+    `files`: content by path, from `StreamReader.fetch`; `name`: the stream, for messages; `threads`: of the video's
+    decoder. StudioError if a file does not match the manifest.
+    """
+
+    def __init__(self, group: Rendition, files: Mapping[str, bytes], name: str, threads: int = 1) -> None:
+        self.group, self.next_frame, self._name = group, group.first_frame, name
+        path = group.video.path
+        self._video = PlaneDecoder(files[path], f"{name}/{path}", group.size, group.frame_count, threads)
         try:
             self._tables = GroupTables(group, files[group.side.path])
         except ValueError as error:
@@ -130,11 +149,35 @@ class MotionDecoder(GroupDecoder):
                 "stream.side_file_damaged", f"the side file is damaged: {error}", f"{name}/{group.side.path}"
             ) from None
 
-    def _read(self, index: int) -> DecodedFrame:
-        picture = np.empty(self._size[::-1], dtype=np.uint8)
+    def read(self) -> DecodedFrame:
+        """The next frame; call `DecodedFrame.gaussians` on any thread for its splats. StudioError if a file is damaged,
+        or there is none."""
+        if self.next_frame >= self.group.end_frame:
+            problem = f"group {self.group.index} has only {self.group.frame_count} frames"
+            raise StudioError("stream.end_of_group", problem, group=self.group.index)
+        index = self.next_frame - self.group.first_frame
+        picture = np.empty(self.group.size[::-1], dtype=np.uint8)
         self._video.read(picture)
-        check_luma(self._entry, index, picture, self._name)
+        check_luma(self.group.video, index, picture, self._name)
+        self.next_frame += 1
         return DecodedFrame(picture, partial(self._tables.gaussians, index))
 
     def close(self) -> None:
+        """Release decoder and memory."""
         self._video.close()
+
+
+def check_luma(video: VideoEntry, index: int, luma: np.ndarray, name: str) -> None:
+    """Compare image `index` (0-based) of a video, contiguous uint8 luma, with its check, if it has one."""
+    for check in video.checks:
+        if check.picture == index and (crc32 := zlib.crc32(luma.data)) != check.crc32:
+            raise StudioError(
+                "stream.wrong_luma",
+                f"picture {index} decodes to other values than the manifest says: the decoder is not exact, or the "
+                "manifest is wrong",
+                file=f"{name}/{video.path}",
+                value=crc32,
+                fix="Bake the stream again; if that does not help, install PyAV from PyPI.",
+                expected=check.crc32,
+                picture=index,
+            )
