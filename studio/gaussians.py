@@ -180,6 +180,14 @@ class Gaussians:
             raise StudioError("gaussians.dilations_differ", problem, value=[dilation, *others], fix=fix)
         return cls(**{name: torch.cat([getattr(p, name) for p in parts]) for name in ATTRIBUTES}, dilation=dilation)
 
+    def before(self, others: Gaussians | None) -> Gaussians:
+        """Return the splats together with those of a set, if any, which are rendered with the dilation of these."""
+        if others is None:
+            return self
+        degree = max(self.sh_degree, others.sh_degree)
+        behind = replace(others, dilation=self.dilation).to(self.means)
+        return Gaussians.cat(self.with_sh_degree(degree), behind.with_sh_degree(degree))
+
     @classmethod
     def from_activated(cls, means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, sh: Tensor) -> Gaussians:
         """Make splats from linear scales and opacities, clamped to at least 1e-12, and to 1e-6 from 0 and 1."""

@@ -29,6 +29,7 @@ class SplatVideo:
         up: (3,) unit vector that points up in the world; None if unknown.
         view: a camera with a good view of the performer; None if unknown.
         background: RGB color behind the splats, 0 to 1.
+        behind: returns the splats of the set behind the performer, the same in all frames; None if there are none.
         sound: its sample 0 sounds when frame 0 appears; None: silent.
         original: from the world of the splats to that of the cameras they were trained from, without rotation; exports
             apply it.
@@ -48,6 +49,7 @@ class SplatVideo:
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     numbers: tuple[int, ...] = field(default=())
     """Frame numbers, ascending, if they differ from the indices: those of the footage, or those before `part`."""
+    behind: Callable[[], Gaussians | None] = lambda: None
     sound: Pcm | None = None
     original: Similarity = field(default_factory=Similarity)
     notes: tuple[str, ...] = ()

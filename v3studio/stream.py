@@ -8,6 +8,7 @@ from v3studio.studio.stream import (
     Rung,
     StreamMetadata,
     bake_group,
+    bake_set,
     bake_sound,
     write_manifest,
 )
@@ -20,6 +21,7 @@ __all__ = [
     "Rung",
     "StreamMetadata",
     "bake_group",
+    "bake_set",
     "bake_sound",
     "write_manifest",
 ]

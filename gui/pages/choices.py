@@ -51,6 +51,7 @@ REVIEW_CHOICES: tuple[Choice, ...] = (
     (Mode.DIFFERENCE, "Difference", "Difference heat map against the uncut footage or trained (D)"),
     ("", "", ""),
     (Mode.SCENE, "Scene", "Splats with cameras, points, mesh, grid and axes; click a camera to look through it (O)"),
+    ("set", "Set", "The set behind the performer, in Review and in the scene"),
     ("edit", "Edit", "Trim, crop, remove floaters, set axes and scale; can be undone (X)"),
 )
 SCENE_CHOICES: tuple[Choice, ...] = (
@@ -60,6 +61,7 @@ SCENE_CHOICES: tuple[Choice, ...] = (
     (What.DECODED, "Decoded", "Gaussians decoded from the baked stream (3)"),
     ("", "", ""),
     ("splats", "Splats", "The frame's splats"),
+    ("set", "Set", "The splats of the set, behind those of the performer"),
     ("cameras", "Cameras", "Frusta of the capture cameras with their images; click one to look through it"),
     ("points", "Points", "Sparse points of the calibration, else the initial points of training"),
     ("mesh", "Mesh", "Visual hull of the group's keyframe"),

@@ -129,13 +129,21 @@ class StageViews:
         if self.stage != "review":
             return {self.stage_views[self.stage].mode}
         if self.shows_scene:
-            return {self.player.what, *self.player.scene_parts}
-        return {self.player.what, self.player.mode}
+            return {self.player.what, *self.player.scene_parts} - self._no_set
+        return {self.player.what, self.player.mode, *({"set"} & self.player.scene_parts)} - self._no_set
 
     @property
     def idle(self) -> set[str]:
         """Buttons that would do nothing now."""
-        return self.editor.idle_buttons if self.edits_take else set()
+        if self.edits_take:
+            return self.editor.idle_buttons
+        return self._no_set if self.stage == "review" else set()
+
+    @property
+    def _no_set(self) -> set[str]:
+        """The button of the set, if what is shown has none."""
+        source = self.player.sources.get(self.player.what)
+        return set() if source is not None and source.has_set else {"set"}
 
     def choose(self, key: str) -> None:
         """Press a button; pressing an active comparison turns it off. What only Review shows ends the edits."""
@@ -155,7 +163,7 @@ class StageViews:
             if self.stage == "capture" and key != ViewMode.GARBAGE:
                 self.capture.garbage.leave()
             self.show_again()
-        elif self.shows_scene and key in PARTS:
+        elif key == "set" or (self.shows_scene and key in PARTS):
             player.scene_parts ^= {key}
         elif key == "edit":
             self.edit()

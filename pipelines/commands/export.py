@@ -30,8 +30,8 @@ def register(commands: Any) -> None:
     add_frames(export, "export")
     export.add_argument(
         "--of",
-        choices=("decoded", "trained"),
-        help=f"of a take: frames decoded from its stream, or as trained (default: {DEFAULT_OF})",
+        choices=("decoded", "trained", "set"),
+        help=f"frames decoded from the stream, those of a take as trained, or the set (default: {DEFAULT_OF})",
     )
     export.add_argument(
         "--axes", choices=("world", "viewer"),
@@ -57,7 +57,10 @@ def register(commands: Any) -> None:
     export.add_argument("--fps", type=float, help="movies: frames per second (default: that of the source)")
     export.add_argument("--crf", type=int, help="movies: CRF of x264, 0 to 51 (default: 18)")
     export.add_argument(
-        "--background", type=_color, metavar="R,G,B", help="movies: 0 to 1 each (default: that of the source)"
+        "--background",
+        type=_color,
+        metavar="R,G,B",
+        help="movies: 0 to 1 each, in place of the set (default: that of the source)",
     )
     export.add_argument(
         "--path", type=Path, metavar="FILE",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from v3studio.studio.playback import PlayedFrame
-    from v3studio.studio.stream import Manifest
+    from v3studio.studio.stream import StreamReader
 
 
 _MOST_PIXELS = 1 << 26
@@ -54,7 +54,7 @@ def _play(arguments: argparse.Namespace) -> int:
             realtime=arguments.realtime,
             start_frame=chosen.start,
             frame_limit=None if stop is None else len(chosen),
-            on_frame=_renderer(reader.manifest, arguments.stream) if arguments.render else None,
+            on_frame=_renderer(reader, arguments.stream) if arguments.render else None,
         )
     warnings = [group.sentence(numbers.number) for group in report.skipped]
     frames = tuple(replace(row, frame=numbers.number(row.frame)) for row in report.frames)
@@ -69,12 +69,12 @@ def _play(arguments: argparse.Namespace) -> int:
     return 1 if warnings else 0
 
 
-def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[PlayedFrame], object]:
-    """Return a function that renders a frame from the stream's suggested camera over its background."""
+def _renderer(reader: StreamReader, stream: str | Path) -> Callable[[PlayedFrame], object]:
+    """Return a function that renders a frame and the set from the stream's suggested camera over its background."""
     from v3studio.pipelines.reports.images import render
     from v3studio.studio.stream import StreamMetadata
 
-    metadata = StreamMetadata.from_json(manifest.metadata)
+    metadata = StreamMetadata.from_json(reader.manifest.metadata)
     if metadata.suggested_camera is None:
         problem = "the stream has no suggested camera"
         raise StudioError("stream.no_camera", problem, file=stream, fix="Remove --render.", option="--render")
@@ -85,4 +85,5 @@ def _renderer(manifest: Manifest, stream: str | Path) -> Callable[[PlayedFrame],
         )
         raise StudioError("stream.camera_too_large", problem, file=stream, fix="Remove --render.", option="--render")
     background = metadata.background or (0.0, 0.0, 0.0)
-    return lambda played: render(played.gaussians, camera, background)
+    behind = reader.set_splats()
+    return lambda played: render(played.gaussians.before(behind), camera, background)

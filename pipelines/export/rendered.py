@@ -33,7 +33,7 @@ class _Movie(VideoWriter):
     seconds: float | None = None  # None: as long as the path or the source
     fps: float | None = None  # None: that of the source
     crf: int = 18
-    background: tuple[float, float, float] | None = None  # None: that of the source
+    background: tuple[float, float, float] | None = None  # None: the set, and that of the source
     has_sound = True
 
     @abstractmethod
@@ -42,7 +42,7 @@ class _Movie(VideoWriter):
 
     def written(self, video: SplatVideo, progress: ProgressFn) -> Written:
         if self.background is not None:
-            video = replace(video, background=self.background)
+            video = replace(video, background=self.background, behind=lambda: None)
         camera, frame, seconds = self.views(video)
         fps = video.fps if self.fps is None else self.fps
         count = render_movie(video, self.out, camera, frame, seconds, fps, self.crf, progress)

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 class Source:
     """A context manager, which closes what it has opened. `place`: folder, file or URL.
 
-    `of`, here and below: "decoded", the frames of the stream; "trained", those of the take; None: `DEFAULT_OF`.
+    `of`, here and below: "decoded", the frames of the stream; "trained", those of the take; "set": what is behind them;
+    None: `DEFAULT_OF`.
     """
 
     def __init__(self, place: str) -> None:
@@ -60,6 +61,8 @@ class Source:
 
     def video(self, of: str | None) -> SplatVideo:
         """The frames, with their numbers in the footage. StudioError as `reader` and `trained_video`."""
+        if of == "set":
+            return self._set()
         if (of or DEFAULT_OF) == "decoded":
             return replace(decoded_video(self.reader), numbers=stream_numbers(self.place, self.reader).known)
         if self.take is None:
@@ -67,9 +70,19 @@ class Source:
             raise StudioError("command.invalid_option", problem, file=self.place, value=of, fix=fix, option="--of")
         return trained_video(self.take.root)
 
+    def _set(self) -> SplatVideo:
+        """The set as a video of one frame. StudioError: there is none (`export.no_set`), or as `video`."""
+        of = None if self.take is None or self.take.has_stream else "trained"
+        video = self.video(of)
+        splats = video.behind()
+        if splats is None:
+            problem, fix = "there are no splats of a set", "Run `v3studio set` and `v3studio bake`, or remove --of."
+            raise StudioError("export.no_set", problem, file=self.place, fix=fix, option="--of")
+        return replace(video, frame_count=1, group_starts=(0,), read=lambda _: splats, numbers=(), sound=None)
+
     def sound(self, of: str | None, video: SplatVideo) -> Pcm | None:
         """The sound of the stream, also for trained frames; None if it has none, or was baked for later frames."""
-        if self.take is not None and not self.take.has_stream:
+        if of == "set" or (self.take is not None and not self.take.has_stream):
             return None
         sound = self.reader.sound()
         if sound is None:

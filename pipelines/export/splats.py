@@ -30,8 +30,8 @@ class StreamFile(Writer):
 
     def write(self, progress: ProgressFn) -> Written:
         suffix = self.format.suffix
-        if self.of == "trained":
-            problem = f"--format {self.format.name} has no --of trained: the stream is written as it is"
+        if self.of in ("trained", "set"):
+            problem = f"--format {self.format.name} has no --of {self.of}: the stream is written as it is"
             raise wrong_option("--of", problem, "Remove --of.", self.of)
         if self.out.suffix.lower() != suffix:
             problem = f"--format {self.format.name} writes a {suffix} file"

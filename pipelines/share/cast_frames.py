@@ -105,6 +105,11 @@ class CastFrames:
         ends = [stream.start + stream.reader.frame_count / stream.reader.fps for stream in self._streams]
         self.frame_count = max(1, round(min(max(ends, default=0.0), LONGEST) * self.fps))
 
+    has_set = False
+
+    def behind(self) -> None:
+        """Performers of a cast have no set of their own: its surroundings are another file."""
+
     def gaussians(self, frame: int) -> Gaussians:
         """The splats of all in a frame. Raises StudioError if a stream is damaged."""
         return self._read(frame)[1]

@@ -77,7 +77,9 @@ class StreamToShare:
         from v3studio.pipelines.reports.images import encode, render
 
         video = decoded_video(self.reader)
-        return encode(render(video.read(0), camera, video.background, width=POSTER_WIDTH), ".jpg", _QUALITY)
+        return encode(
+            render(video.read(0).before(video.behind()), camera, video.background, width=POSTER_WIDTH), ".jpg", _QUALITY
+        )
 
     def page_files(self, text: PageText, player: PlayerFiles, manifest: str) -> dict[str, bytes]:
         """The files that play the stream from a web server, by name: the images first, the page last. All but the page

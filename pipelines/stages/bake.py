@@ -28,12 +28,13 @@ STAGE = stage_named("bake")
 
 def params(inputs: Inputs) -> Params:
     """Encoding settings, and the contents of the manifest."""
-    sound = inputs.raw_footage.sound
+    sound, behind = inputs.raw_footage.sound, inputs.take.set_splats
     return {
         **(finetuning_params(inputs) if finetuned_rungs(inputs.config) else {}),
         **settings_affecting(inputs.config, "videos", "manifest", "sound"),
         "frames a second": float(inputs.raw_footage.fps),
         "version of the stream": VERSION,
+        **({} if not behind.is_file() else {"set": digest_files(behind.parent, [behind])}),
         **({} if sound is None else {"sound": digest_files(sound.path.parent, [sound.path])}),
         **edit_params(inputs.edits),
     }

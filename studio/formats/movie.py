@@ -66,7 +66,7 @@ def render_movie(
     count = max(1, round(seconds * fps))
     device = preferred_device()
     background = torch.tensor(video.background, dtype=torch.float32, device=device)
-    shown, gaussians = -1, None
+    shown, gaussians, behind = -1, None, video.behind()
     sound, _ = movie_sound(video, frame, seconds, fps)
     with new_file(path) as temporary, _encoder(temporary, first.width, first.height, fps, crf, sound) as add:
         for index in range(count):
@@ -74,7 +74,7 @@ def render_movie(
             time = index / fps
             wanted = int(np.floor(frame(time) + 1e-6)) % video.frame_count
             if gaussians is None or wanted != shown:
-                shown, gaussians = wanted, video.read(wanted).to(device)
+                shown, gaussians = wanted, video.read(wanted).before(behind).to(device)
             with torch.no_grad():
                 image = rasterize(gaussians, camera(time), background).image
             add((image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy())

@@ -1,6 +1,7 @@
 from .decoder import DecodedFrame as DecodedFrame
 from .decoder import GroupDecoder as GroupDecoder
 from .encode.bake import bake_group as bake_group
+from .encode.bake import bake_set as bake_set
 from .encode.bake import bake_sound as bake_sound
 from .encode.write_manifest import write_manifest as write_manifest
 from .integrity import check_stream as check_stream

@@ -51,6 +51,7 @@ MAX_PICTURE = 16384
 MAX_BLOCK_SPAN = 1e6
 """Largest extent of the keyframe's lattice in units of `blocks.radius`; writers here stay below 65,537."""
 MAX_RENDITIONS = 16
+MAX_SET_PARTS = 16
 MAX_PAGE_BYTES = 1 << 24
 MAX_PAGE_GROUPS = 4096
 MAX_AUDIO_BYTES = 1 << 28
@@ -403,6 +404,7 @@ class Manifest(Model):
     renditions: Annotated[tuple[RenditionEntry, ...], Field(min_length=1, max_length=MAX_RENDITIONS)]
     groups: Annotated[tuple[GroupEntry, ...], Field(min_length=1, max_length=MAX_GROUPS)]
     pages: Annotated[tuple[PageEntry, ...], Field(max_length=MAX_GROUPS)]
+    set: Annotated[tuple[Rendition, ...], Field(max_length=MAX_SET_PARTS)] = ()
     audio: AudioEntry | None = None
     settings: JsonObject = Field(default_factory=dict)
     metadata: JsonObject = Field(default_factory=dict)
@@ -433,6 +435,10 @@ class Manifest(Model):
         frames = sum(counts)
         same = frames == self.frame_count
         _require(same, "frame_count", f"frame_count is {self.frame_count}, the groups have {frames} frames")
+        for number, part in enumerate(self.set):
+            own = (part.index, part.first_frame, part.frame_count, part.sh_degree)
+            _require(own == (number, 0, 1, 0), "set_part", f"part {number} of the set has more than a frame or a color")
+        _require(sum(part.splats for part in self.set) <= MAX_SPLATS, "set_splats", f"a set above {MAX_SPLATS} splats")
         end = 0.0 if self.audio is None else self.audio.seconds
         _require(
             end <= self.duration + AUDIO_TOLERANCE,
@@ -470,8 +476,9 @@ class Manifest(Model):
 
     @property
     def fixed_files(self) -> tuple[FileEntry, ...]:
-        """Pages and sound."""
-        return (*self.pages, *((self.audio,) if self.audio is not None else ()))
+        """Pages, sound and set."""
+        sound = () if self.audio is None else (self.audio,)
+        return (*self.pages, *sound, *(file for part in self.set for file in part.files))
 
     @property
     def duration(self) -> float:
@@ -479,9 +486,9 @@ class Manifest(Model):
         return self.frame_count / self.fps
 
     def played_bytes(self) -> int:
-        """Bytes that playing the best rendition takes: its files, the pages, the sound and the manifest."""
-        own = self.renditions[0].bytes + sum(file.bytes for file in self.fixed_files)
-        return own + len(self.to_bytes())
+        """Bytes that playing the best rendition takes, without the set: its files, pages, sound and manifest."""
+        fixed = sum(file.bytes for file in self.fixed_files) - sum(part.bytes for part in self.set)
+        return self.renditions[0].bytes + fixed + len(self.to_bytes())
 
 
 def invalid(error: ValidationError, file: str, fix: str) -> StudioError:

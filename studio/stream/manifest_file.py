@@ -105,7 +105,8 @@ def seal(manifest: Manifest, groups: Sequence[GroupEntry]) -> tuple[Manifest, by
         total = file_bytes + len(data)
     digest = hashlib.sha256(data).hexdigest()
     sealed = draft.model_copy(update={"manifest_sha256": digest})
-    return sealed, data.replace(zeros.encode(), digest.encode(), 1)
+    head, _, tail = data.rpartition(zeros.encode())  # the last key: free texts before it may have zeros, too
+    return sealed, head + digest.encode() + tail
 
 
 def check_growth(old: Manifest, new: Manifest, name: str) -> None:
@@ -127,6 +128,8 @@ def manifest_schema() -> JsonObject:
     cannot express constraints between values (sums, counts, order); see `docs/STREAM.md` for those."""
     kinds: TypeAdapter[Any] = TypeAdapter(Manifest | Page)
     schema = kinds.json_schema()
+    definition = schema["$defs"]["Manifest"]
+    definition["required"] = ["format", "version", *definition["required"]]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["$comment"] = "Copyright (c) 2026 The V3 Studio authors. SPDX-License-Identifier: CC-BY-4.0"
     schema["title"] = "Manifest of a v3studio-stream"

@@ -105,7 +105,7 @@ class StreamMetadata:
         camera, background, up = (values.get(key) for key in ("suggested_camera", "background", "up"))
         return cls(
             suggested_camera=Camera.from_dict(camera) if isinstance(camera, dict) else None,
-            background=(background[0], background[1], background[2]) if _is_vector(background) else None,
+            background=(background[0], background[1], background[2]) if _is_color(background) else None,
             up=(up[0], up[1], up[2]) if _is_vector(up) and any(up) else None,
             view_range=ViewRange.from_json(values.get("view_range")),
             capture=CapturePlace.from_json(values.get("capture")),
@@ -113,9 +113,13 @@ class StreamMetadata:
         )
 
 
+def _is_color(value: object) -> TypeGuard[list[float]]:
+    return _is_vector(value) and all(0 <= item <= 1 for item in value)
+
+
 def _is_vector(value: object) -> TypeGuard[list[float]]:
     return (
         isinstance(value, list)
         and len(value) == 3
-        and all(isinstance(item, int | float) and math.isfinite(item) for item in value)
+        and all(type(item) in (int, float) and math.isfinite(item) for item in value)
     )

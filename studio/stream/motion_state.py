@@ -104,6 +104,9 @@ class Side:
         return cls(codes, labels, classes, affine, rotation, Escapes(channel, splat, frame, code))
 
 
+_MOST_CODES = 1 << 31  # codes are signed numbers of 32 bits in players
+
+
 def _label_runs(labels: np.ndarray) -> list[bytes]:
     """Labels as runs: their lengths, and how each differs from the run before it; 0: it is as the one before that."""
     starts = np.flatnonzero(np.diff(labels, prepend=-1))
@@ -151,7 +154,7 @@ def _check_values(channels: Sequence[ChannelEntry], channel: np.ndarray, code: n
     bounds = np.array([(entry.offset, entry.step, *value_bounds(entry.name)) for entry in channels])
     offset, step, low, high = bounds[channel].T
     values = offset + (code - 128) * step
-    wrong = np.flatnonzero((values < low) | (values > high))
+    wrong = np.flatnonzero((values < low) | (values > high) | (code >= _MOST_CODES))
     if len(wrong):
         first = wrong[0]
         raise ValueError(f"an escape in {channels[channel[first]].name} has the value {values[first]:g}")

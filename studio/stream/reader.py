@@ -178,9 +178,9 @@ class StreamReader:
     def files(self) -> tuple[FileEntry, ...]:
         """All files of the stream but the manifest, of all renditions, each once, in the order in which a player needs
         them; reads all pages of the index. Raises StudioError: a page is missing or damaged."""
-        sound = () if self.manifest.audio is None else (self.manifest.audio,)
-        groups = (file for number in range(len(self.index)) for file in self.index.files(number))
-        return tuple({file.path: file for file in (*sound, *groups)}.values())
+        first, *others = map(self.index.files, range(len(self.index)))
+        fixed = (file for file in self.manifest.fixed_files if file not in self.manifest.pages)
+        return tuple({file.path: file for file in (*first, *fixed, *(file for own in others for file in own))}.values())
 
     def group(self, number: int) -> Rendition:
         """Group `number` in the best rendition. StudioError if its page of the index is missing or damaged."""
@@ -190,6 +190,20 @@ class StreamReader:
         """The group that contains a frame, in the best rendition; reads the page of that group alone. StudioError if
         there is no such frame, or the page is missing or damaged."""
         return self.group(self.index.group_of(frame))
+
+    def set_splats(self) -> Gaussians | None:
+        """The splats behind the performer in all frames, fetched and decoded now; None for a stream without them.
+        StudioError if a file is missing or damaged."""
+        parts = self.manifest.set
+        if not parts:
+            return None
+        decoders = [self.open_group(part) for part in parts]
+        try:
+            decoded = [decoder.read().gaussians() for decoder in decoders]
+        finally:
+            for decoder in decoders:
+                decoder.close()
+        return Gaussians.cat(*decoded)
 
     def audio_bytes(self) -> bytes:
         """The sound's file, an MP4 with one AAC track. StudioError: none (`stream.no_sound`), or it is damaged."""

@@ -134,6 +134,10 @@ function checkRest(source, manifest, groups) {
     readFile(source, audio, 2 ** 28);
     files.push(audio);
   }
+  for (const [k, part] of manifest.set.entries()) {
+    need(part.index === k && part.first_frame === 0 && part.frame_count === 1 && part.sh_degree === 0, "set", k);
+    files.push(...filesOf(part));
+  }
   for (const [k, rendition] of manifest.renditions.entries()) {
     const own = groups.map((group) => group.renditions[k]);
     need(/^[a-z0-9-]{1,32}$/.test(rendition.id), "id", rendition.id);
@@ -394,8 +398,9 @@ const source = statSync(stream).isDirectory() ? folderSource(stream) : archiveSo
 const manifest = readManifest(source);
 const groups = allGroups(source, manifest);
 checkRest(source, manifest, groups);
-for (const group of groups) {
-  for (const rendition of renditionsOf(manifest, group)) {
+const sets = manifest.set.map((part) => ({ first_frame: `set${part.index}`, only: [{ ...part, id: "set" }] }));
+for (const group of [...groups, ...sets]) {
+  for (const rendition of group.only ?? renditionsOf(manifest, group)) {
     need(wholeNumber(rendition.splats, 1, 4194304), "wrong number of splats");
     need(wholeNumber(rendition.sh_degree, 0, 3), "wrong SH degree");
     let t = group.first_frame;

@@ -20,7 +20,7 @@ from v3studio.studio.audio import SoundFile, cut_sound
 from v3studio.studio.cameras import Camera, look_at_pose
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer import rasterize
-from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_sound, write_manifest
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_set, bake_sound, write_manifest
 from v3studio.studio.stream.encode import write_manifest as manifest_writer
 from v3studio.studio.stream.morton import deinterleave, square_scan
 from v3studio.studio.stream.motion_state import Side
@@ -64,6 +64,18 @@ def body(frames: int, splats: int, degree: int, seed: int = 0) -> list[Gaussians
     return result
 
 
+def room(splats: int) -> Gaussians:
+    """Splats of a shell around the figure and of columns that stand between it and cameras."""
+    random = torch.Generator().manual_seed(7)
+    directions = torch.randn(splats, 3, generator=random)
+    means = 2.6 * directions / directions.norm(dim=1, keepdim=True)
+    means[: splats // 3] *= 0.3
+    sizes = torch.rand(splats, 3, generator=random) * 1.2 - 3.6
+    colors = torch.rand(splats, 1, 3, generator=random) * 2 - 1
+    quats = torch.randn(splats, 4, generator=random)
+    return Gaussians(means, quats, sizes, torch.full((splats,), 1.5), colors)
+
+
 def camera(
     azimuth: float, *, elevation: float = 10.0, distance: float = 2.6, size: tuple[int, int] = (320, 400)
 ) -> Camera:
@@ -86,10 +98,12 @@ def bake(
     paged: bool = False,
     clicks: Sequence[float] | None = None,
     dilations: Sequence[float] = (),
+    behind: int = 0,
     **options: Any,
 ) -> Path:
     """Bake a stream of the figure into a folder; `ladder`: QPs of its renditions, `paged`: all groups but one in a
-    page, `clicks`: sound with clicks at these times, `dilations`: of each group, `options`: further settings."""
+    page, `clicks`: sound with clicks at these times, `dilations`: of each group, `behind`: splats of a set
+    around the figure, `options`: further settings."""
     rungs = tuple(Rung(qp=one) for one in ladder)
     settings = BakeSettings(quality=qp, preset="ultrafast", ladder=rungs, **options)  # type: ignore[arg-type]
     entries, first = [], 0
@@ -100,12 +114,13 @@ def bake(
         entries.append(bake_group(figure, folder, index, first, settings))
         first += frames
     view = {"suggested_camera": camera(0).to_dict(), "up": [0.0, -1.0, 0.0], "background": [0.0, 0.0, 0.0]}
+    parts = bake_set(room(behind), folder, settings) if behind else ()
     audio = None
     if clicks is not None:
         wav = SoundFile(write_wav(folder.with_suffix(".wav"), click_sound(first / FPS, clicks)))
         audio = bake_sound(cut_sound(wav, 0, first / FPS), folder)
     with mock.patch.object(manifest_writer, "INLINE_BYTES", 1 if paged else manifest_writer.INLINE_BYTES):
-        write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure"}, audio=audio)
+        write_manifest(folder, entries, FPS, settings, {**view, "title": "Test figure"}, audio=audio, behind=parts)
     return folder
 
 

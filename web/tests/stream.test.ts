@@ -18,7 +18,7 @@ import {
 import { MotionTables } from "../src/stream/motion.ts";
 import { inDisplayOrder, samplesNeeded } from "../src/stream/mp4.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
-import { DepthSorter } from "../src/stream/sort.ts";
+import { DepthSorter, OF_SET, SortedSet } from "../src/stream/sort.ts";
 import { linkTo, parseView } from "../src/ui/link.ts";
 
 const folder = process.env["V3_FIXTURES"] ?? join(import.meta.dirname, "build", "fixtures");
@@ -286,7 +286,7 @@ void test("manifests out of bounds are refused with the place", () => {
 
 void test("missing values, and values of another type, are refused", () => {
   const [text] = ladder();
-  const withDefault = /^(live|audio|settings|metadata|dilation)$|\.\d+$/;
+  const withDefault = /^(live|audio|set|settings|metadata|dilation)$|\.\d+$/;
   const visit = (at: unknown, place: string): void => {
     if (typeof at !== "object" || at === null || /^(settings|metadata)$/.test(place)) return;
     for (const [key, value] of Object.entries(at)) {
@@ -319,6 +319,25 @@ void test("renditions are chosen as Python's rule chooses them", () => {
   for (const [buffered, bytes, seconds, wanted] of steps) {
     assert.equal(rule.choose(buffered), wanted);
     rule.fetched(bytes, seconds);
+  }
+});
+
+void test("a set is merged into a frame's order by depth", () => {
+  const [own, behind] = [7, 30].map((count) => Float32Array.from({ length: 3 * count }, (_, i) => ((i * 7919) % 101) / 50 - 1));
+  const pixels = Uint32Array.from({ length: 7 }, (_, i) => 100 + i);
+  const set = new SortedSet(behind);
+  const sorter = new DepthSorter();
+  for (const axis of [[0, 0, 1, 2], [0, 0, 1, 2], [1, 0, 0, 0.5]] as const) {
+    const order = new Uint32Array(7);
+    const count = sorter.sort(own, null, axis, order);
+    const out = new Uint32Array(37);
+    const total = set.merge(order, count, sorter.depths, pixels, axis, out);
+    const depths = [...out.subarray(0, total)].map((entry) => {
+      const [from, at] = entry >= OF_SET ? [behind, 3 * (entry - OF_SET)] : [own, 3 * (entry - 100)];
+      return axis[0] * from[at] + axis[1] * from[at + 1] + axis[2] * from[at + 2] + axis[3];
+    });
+    assert.equal(new Set(out.subarray(0, total)).size, total);
+    assert.ok(total >= 20 && depths.every((depth, i) => i === 0 || depth <= depths[i - 1] + 1e-4));
   }
 });
 

@@ -155,7 +155,7 @@ class FrameRenderer:
         return Picture(image, request, parts[-1].splats, seconds, where[0])
 
     def _scene(self, request: RenderRequest, capture: Camera | None) -> Picture:
-        gaussians = _source(request, request.what).gaussians(request.frame)
+        gaussians = _splats(_source(request, request.what), request)
         start = time.perf_counter()
         box = Box(0, 0, *request.size)
         image, cameras, ends = render_scene(self.reader, gaussians, self._camera(request, box, capture), request)
@@ -166,7 +166,10 @@ class FrameRenderer:
         of the set, the footage is cut out."""
         source = request.context if name == What.FOOTAGE else _source(request, name)
         seen_by: object = (request.camera, request.image_zoom) if capture is not None else request.orbit.key
-        key = (name, source, request.frame, request.number, seen_by, request.background, box.width, box.height, uncut)
+        key = (
+            name, source, request.frame, request.number, seen_by, request.background, box.width, box.height, uncut,
+            "set" in request.parts,
+        )  # fmt: skip
         # `forget` replaces the cache, on another thread
         return self._kept.get_or_make(key, lambda _: self._drawn(request, name, box, capture, uncut))
 
@@ -174,7 +177,7 @@ class FrameRenderer:
         if name == What.FOOTAGE:
             return _Part(footage_image(request, box.width, box.height, uncut), 0, 0.0)
         source = _source(request, name)
-        gaussians = source.gaussians(request.frame)
+        gaussians = source.gaussians(request.frame) if uncut else _splats(source, request)
         start = time.perf_counter()
         camera = self._camera(request, box, capture)
         behind = set_image(request, box.width, box.height) if uncut else None
@@ -203,6 +206,11 @@ class FrameRenderer:
         """Empty the cache: something else was opened, or files have changed."""
         self._kept = MemoryCache(KEPT_PICTURES)
         self.reader.forget()
+
+
+def _splats(source: FrameSource, request: RenderRequest) -> Gaussians:
+    """The frame's splats, with those of the set if it is shown."""
+    return source.gaussians(request.frame).before(source.behind() if "set" in request.parts else None)
 
 
 def _source(request: RenderRequest, name: str) -> FrameSource:

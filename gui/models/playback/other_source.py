@@ -47,6 +47,15 @@ class OtherSource:
         """The other's frame at a frame of the open take or stream."""
         return min(round(frame * self._source.fps / self.fps), self._source.frame_count - 1)
 
+    @property
+    def has_set(self) -> bool:
+        """Tell whether the other has splats behind the performer."""
+        return self._source.has_set
+
+    def behind(self) -> Gaussians | None:
+        """The splats behind the performer of the other."""
+        return self._source.behind()
+
     def gaussians(self, frame: int) -> Gaussians:
         return self._source.gaussians(self.frame_of(frame))
 

@@ -19,6 +19,7 @@ from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.pipelines.takes.frames.edited import EditedGroup
 from v3studio.pipelines.takes.frames.frame_files import read_frame
 from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers, frames_so_far
+from v3studio.pipelines.takes.frames.take_set import take_set
 from v3studio.pipelines.takes.results.videos import FALLBACK_FPS
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
@@ -42,6 +43,15 @@ class FrameSource(Protocol):
     frame_count: int
     fps: float
     group_starts: Sequence[int]
+
+    @property
+    def has_set(self) -> bool:
+        """Tell whether there are splats behind the performer."""
+        ...
+
+    def behind(self) -> Gaussians | None:
+        """The splats behind the performer, in all frames; None if there are none. StudioError as `gaussians`."""
+        ...
 
     def gaussians(self, frame: int) -> Gaussians:
         """The splats of a frame. Raises StudioError if the file is missing or damaged."""
@@ -110,6 +120,15 @@ class TrainedSource:
             for group in groups
         ]
         self._cache: MemoryCache[int, Gaussians] = MemoryCache(CACHE_BYTES, bytes_of, least=1)
+        self._take = take
+        self._set: MemoryCache[int, Gaussians | None] = MemoryCache(1)
+
+    @property
+    def has_set(self) -> bool:
+        return self._take.set_splats.is_file()
+
+    def behind(self) -> Gaussians | None:
+        return self._set.get_or_make(0, lambda _: take_set(self._take))
 
     def gaussians(self, frame: int) -> Gaussians:
         if frame not in self._files:

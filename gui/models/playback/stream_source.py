@@ -11,6 +11,7 @@ from v3studio.pipelines.takes.results.videos import capture_place
 from v3studio.studio.coverage import ViewRange
 from v3studio.studio.formats.rigid_motion import placed
 from v3studio.studio.gaussians import Gaussians
+from v3studio.studio.memory_cache import MemoryCache
 from v3studio.studio.playback import LeftOut, SkippedGroup, StreamFrames
 from v3studio.studio.similarity import Similarity
 from v3studio.studio.stream import StreamMetadata, StreamReader, StreamSound
@@ -40,7 +41,22 @@ class StreamSource:
             self.first, back = place_in_take.first_frame, place_in_take.world.inverse
         self.frame_count = self.first + self._reader.frame_count
         self.group_starts: Sequence[int] = [self.first + start for start in self._reader.index.starts]
+        self._back = back
+        self._set: MemoryCache[int, Gaussians | None] = MemoryCache(1)
         self._frames = StreamFrames(self._reader, CACHE_BYTES, loop=True, finish=lambda splats: placed(splats, back))
+
+    @property
+    def has_set(self) -> bool:
+        """Tell whether there are splats behind the performer."""
+        return bool(self._reader.manifest.set)
+
+    def behind(self) -> Gaussians | None:
+        """The splats behind the performer; None if there are none. StudioError if their files are damaged."""
+        return self._set.get_or_make(0, self._read_set)
+
+    def _read_set(self, _: int) -> Gaussians | None:
+        splats = self._reader.set_splats()
+        return None if splats is None else placed(splats, self._back)
 
     def gaussians(self, frame: int) -> Gaussians:
         """The splats of a frame. Raises LeftOut: the frame's group is damaged; other groups can be played."""

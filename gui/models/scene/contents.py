@@ -16,8 +16,8 @@ from v3studio.pipelines.takes.take import Take
 from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.similarity import Similarity
 
-PARTS = ("splats", "cameras", "points", "mesh", "grid", "axes", "volume")
-SHOWN_AT_FIRST = frozenset({"splats", "cameras", "grid", "axes", "volume"})
+PARTS = ("splats", "set", "cameras", "points", "mesh", "grid", "axes", "volume")
+SHOWN_AT_FIRST = frozenset({"splats", "set", "cameras", "grid", "axes", "volume"})
 
 FRUSTUM = 0.16  # length of the frusta, relative to the median distance of the cameras from the performer
 GRID_CELLS = 5  # cells of the grid on each side of its middle

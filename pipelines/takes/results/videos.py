@@ -12,6 +12,7 @@ import numpy as np
 from v3studio.pipelines.config import load_config
 from v3studio.pipelines.takes.authored.edits import no_frames_left, read_edits
 from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers, trained_groups, trained_numbers
+from v3studio.pipelines.takes.frames.take_set import take_set
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.errors import StudioError
@@ -20,6 +21,7 @@ from v3studio.studio.similarity import Similarity
 
 if TYPE_CHECKING:
     from v3studio.studio.cameras import Camera
+    from v3studio.studio.gaussians import Gaussians
     from v3studio.studio.splat_video import SplatVideo
     from v3studio.studio.stream import CapturePlace, StreamReader
 
@@ -45,6 +47,7 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     """
     from v3studio.pipelines.takes.frames.edited import EditedGroup
     from v3studio.studio.edits.edit_list import UP
+    from v3studio.studio.formats.rigid_motion import placed
     from v3studio.studio.splat_video import SplatVideo
 
     root = Path(root)
@@ -69,6 +72,11 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
     if edits.world is not None and edits.world.up is not None:
         up = np.array(UP)
     view = None if rig is None else next(iter(rig)).undistorted()
+
+    def behind() -> Gaussians | None:
+        splats = take_set(take)
+        return None if splats is None else placed(splats, world)
+
     video = SplatVideo(
         name=str(root),
         fps=float(fps or FALLBACK_FPS),
@@ -78,6 +86,7 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
         up=up,
         view=view if view is None or world.is_identity else world.camera(view),
         background=(background[0], background[1], background[2]),
+        behind=behind,
         numbers=numbers.known,
         original=Similarity() if given is None else undone(own_frame(given), placed=edits.world is not None),
     )
@@ -105,6 +114,7 @@ def decoded_video(reader: StreamReader) -> SplatVideo:
         up=None if up is None else np.array(up, np.float64),
         view=None if camera is None else camera.undistorted(),
         background=metadata.background or (0.0, 0.0, 0.0),
+        behind=reader.set_splats,
         original=metadata.original,
     )
 

@@ -26,6 +26,7 @@ from v3studio.studio.stream.manifest import (
     Manifest,
     Page,
     PageEntry,
+    Rendition,
     RenditionEntry,
     invalid,
 )
@@ -48,6 +49,7 @@ def write_manifest(
     metadata: JsonObject | None = None,
     live: bool = False,
     audio: AudioEntry | None = None,
+    behind: Sequence[Rendition] = (),
 ) -> Manifest:
     """Write pages, then `directory/manifest.json`, atomically, then remove files that the new manifest does not need.
 
@@ -61,6 +63,7 @@ def write_manifest(
             are removed from texts that are shown (`TEXTS`).
         live: further groups will follow.
         audio: the sound, from `bake_sound`; no longer than the frames.
+        behind: the set, from `bake_set`.
 
     Returns:
         The manifest, including the total size of all files.
@@ -75,7 +78,7 @@ def write_manifest(
         raise StudioError("bake.no_groups", "a stream needs at least one group", file=path)
     if not (math.isfinite(fps) and fps > 0):
         raise StudioError("bake.manifest_invalid", f"fps is {fps}; it must be above 0", file=path, value=fps)
-    _check_present(directory, groups, audio)
+    _check_present(directory, groups, audio, behind)
     box = reduce(Box.union, (rendition.bounding_box for group in groups for rendition in group.renditions))
     sizes = [len(group.to_bytes()) for group in groups]
     inline = _fitting(sizes, 0, INLINE_BYTES)
@@ -88,6 +91,7 @@ def write_manifest(
             renditions=_renditions(groups, fps),
             groups=tuple(groups[:inline]),
             pages=_pages(directory, groups, sizes, inline),
+            set=tuple(behind),
             audio=audio,
             settings=settings.to_dict(),
             metadata=with_plain_texts(metadata or {}),
@@ -110,9 +114,12 @@ def write_manifest(
     return manifest
 
 
-def _check_present(directory: Path, groups: Sequence[GroupEntry], audio: AudioEntry | None) -> None:
+def _check_present(
+    directory: Path, groups: Sequence[GroupEntry], audio: AudioEntry | None, behind: Sequence[Rendition]
+) -> None:
     files: list[tuple[FileEntry, int | None]] = [(file, group.index) for group in groups for file in group.files]
     files += [(audio, None)] if audio is not None else []
+    files += [(file, None) for part in behind for file in part.files]
     for wanted, group in files:
         file = directory / wanted.path
         size = file.stat().st_size if file.is_file() else None
@@ -121,7 +128,7 @@ def _check_present(directory: Path, groups: Sequence[GroupEntry], audio: AudioEn
                 f"{'the file is missing' if size is None else f'the file has {size} bytes'}; "
                 f"expected {wanted.bytes} bytes"
             )
-            fix = "Bake the sound again." if group is None else f"Bake group {group} again."
+            fix = "Bake the stream again." if group is None else f"Bake group {group} again."
             raise StudioError(
                 "bake.group_changed", problem, file=file, value=size, fix=fix, group=group, expected=wanted.bytes
             )

@@ -3,9 +3,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.studio.stream.conftest import clouds
 from tests.support.sounds import click_times, clicks, write_wav
 from tests.support.streams import contents
 from tests.support.tiny_capture import Here
+from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, write_frame
+from v3studio.pipelines.takes.take import Take
 from v3studio.studio.stream import StreamReader, check_stream
 
 
@@ -84,3 +87,30 @@ def test_only_the_sound_is_baked_again(here: Here, copied: Path) -> None:
         assert reader.manifest.audio is None
     assert inodes(take) == frames
     assert not list((take / "stream" / "files").glob("*.m4a"))
+
+
+def test_the_set_is_baked_when_it_changes(here: Here, copied: Path) -> None:
+    """Groups keep their files. Edits of the world move it, too."""
+    take = Take.open(copied / "take")
+    splats = clouds(1, 80)[0]
+    kinds = ("side", "video")
+    paths = [group["renditions"][0][kind]["path"] for group in manifest_of(take.root)["groups"] for kind in kinds]
+    frames = {path: (take.stream / path).stat().st_ino for path in paths}
+    for size in (80, 50):
+        write_frame(take.set_splats, splats[:size], FrameMetadata())
+        here("bake", take.root).ok()
+        with StreamReader.open(take.stream) as reader:
+            assert not check_stream(reader).damage
+            assert len(reader.set_splats() or ()) == size
+        assert "up to date" in here("bake", take.root).ok().stdout.lower()
+    assert {path: (take.stream / path).stat().st_ino for path in paths} == frames
+    here("edit", "world", take.root, "--scale", "2").ok()
+    here("bake", take.root).ok()
+    with StreamReader.open(take.stream) as reader:
+        moved = reader.set_splats()
+        assert moved is not None
+        assert moved.means.std() > 1.5 * splats[:50].means.std()
+    take.set_splats.unlink()
+    here("bake", take.root).ok()
+    with StreamReader.open(take.stream) as reader:
+        assert reader.set_splats() is None

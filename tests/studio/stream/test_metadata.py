@@ -27,6 +27,8 @@ def test_malformed_entries_count_as_not_given() -> None:
     found = StreamMetadata.from_json(values)
     assert (found.suggested_camera, found.background, found.up) == (None, None, None)
     assert StreamMetadata.from_json({"up": [0, 0, 0]}).up is None, "no direction"
+    for color in ([2, 0, 0], [-1, 0, 0], [True, 0, 0]):
+        assert StreamMetadata.from_json({"background": color}).background is None
     with refuses("camera.missing_key"):
         StreamMetadata.from_json({"suggested_camera": {"name": "cam00"}})
 

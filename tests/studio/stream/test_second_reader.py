@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 import torch
 
-from tests.studio.stream.conftest import turned_bodies
+from tests.studio.stream.conftest import clouds, turned_bodies
 from tests.support.performer import covariances
 from tests.support.streams import only
-from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, write_manifest
+from v3studio.studio.stream import BakeSettings, Rung, StreamReader, bake_group, bake_set, write_manifest
 from v3studio.studio.stream.encode import write_manifest as manifest_writer
 from v3studio.studio.stream.write_archive import write_archive
 
@@ -67,15 +67,15 @@ def bake(folder, settings):
         share = lambda count=splats: np.arange(count, dtype=float)  # noqa: E731
         groups.append(bake_group(frames, folder, number, first, settings, fps=25, contribution=share))
         first += count
-    write_manifest(folder, groups, 25, settings)
+    write_manifest(folder, groups, 25, settings, behind=bake_set(clouds(1, 1200)[0], folder, settings))
 
 
 def test_the_document_and_the_second_reader_know_every_key_of_the_schema() -> None:
     schema = (ROOT / "docs" / "stream.schema.json").read_text(encoding="utf-8")
     described = " ".join(re.findall(r"`[^`]*`", DOCUMENT.read_text(encoding="utf-8")))
     keys = set(re.findall(r'"(\w+)"', " ".join(re.findall(r'"required": \[(.*?)\]', schema, re.DOTALL))))
-    assert len(keys) > 50
-    for key in (*keys, "dilation"):
+    assert len(keys) > 40
+    for key in (*keys, "dilation", "set"):
         assert re.search(rf"\b{key}\b", described), key
         assert re.search(rf"\b{key}\b", READER.read_text()), key
 
@@ -103,10 +103,11 @@ def test_it_agrees_on_every_frame(
     manifest = json.loads((folder / "manifest.json").read_text())
     assert len(manifest["pages"]) == 1
     names = [rendition["id"] for rendition in manifest["renditions"]]
-    assert len(theirs) == 10 * len(names)
-    for name in names:
-        with only(StreamReader.open(folder), name) as reader:
-            for index, frame in enumerate(reader.iterate()):
+    assert len(theirs) == 10 * len(names) + 2
+    theirs["set", 0] = np.concatenate([theirs["set", part] for part in ("set0", "set1")])
+    for name in (*names, "set"):
+        with only(StreamReader.open(folder), name if name != "set" else names[0]) as reader:
+            for index, frame in enumerate([reader.set_splats()] if name == "set" else reader.iterate()):
                 values = theirs[name, index]
                 for what, ours, columns, tolerance in (
                     ("center", frame.means.numpy(), values[:, :3], 2e-5),

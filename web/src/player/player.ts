@@ -27,6 +27,8 @@ export class Player extends Playback<Picture> {
   /** Axis along which the frame on the canvas was sorted, or is being sorted. */
   private sortedAxis: DepthAxis = UNSORTED;
   private sorting = false;
+  private behind: StreamEvents["set"] | null = null;
+  private showsSet_ = true;
   /** Setups that came with images that have not been shown yet: one or two. */
   private readonly setups = new Map<number, GroupSetup>();
   /** Whether the renderer is new, or its contents were lost, and images are of no use before their group's setup has come. */
@@ -55,6 +57,11 @@ export class Player extends Playback<Picture> {
     this.stream.maxTexture = this.screen.renderer.maxTexture;
     this.stream.on("picture", timed((picture) => this.received(picture)));
     this.stream.on("order", timed((order) => this.sorted(order)));
+    this.stream.on("set", (set) => {
+      this.behind = set;
+      this.screen.renderer.setSet(set);
+      this.sortedAxis = UNSORTED;
+    });
     canvas.addEventListener("webglcontextrestored", () => this.restore(), { signal: this.stop.signal });
   }
 
@@ -115,9 +122,11 @@ export class Player extends Playback<Picture> {
   }
 
   override open(source: StreamSource): Promise<StreamInfo> {
-    this.group = null;
+    this.group = this.behind = null;
     this.drawn = 0;
-    return super.open(source);
+    const opened = super.open(source);
+    this.stream.request({ type: "set", shown: this.showsSet_ });
+    return opened;
   }
 
   get background(): Vector | null {
@@ -128,6 +137,18 @@ export class Player extends Playback<Picture> {
   set background(color: Vector | null) {
     this.screen.background = color;
     this.screen.dirty = true;
+  }
+
+  get showsSet(): boolean {
+    return this.showsSet_;
+  }
+
+  /** Whether the splats behind the performer are shown, if the stream has any. */
+  set showsSet(shown: boolean) {
+    if (shown === this.showsSet_) return;
+    this.showsSet_ = shown;
+    this.stream.request({ type: "set", shown });
+    this.sortedAxis = UNSORTED;
   }
 
   get view(): View {
@@ -264,6 +285,7 @@ export class Player extends Playback<Picture> {
   /** Called when the graphics context is restored without its contents, and when the renderer has changed. */
   private restore(): void {
     this.needsSetup = true;
+    if (this.behind !== null) this.screen.renderer.setSet(this.behind);
     this.stream.request({ type: "forget-setup" });
     this.setups.clear();
     this.requestAgain();

@@ -4,9 +4,10 @@ import { DepthSorter } from "../stream/sort.ts";
 import type { Vector } from "../stream/metadata.ts";
 import type { Splats } from "../worker/messages.ts";
 import { centerOf, depthAxis, dot, type Pinhole } from "./camera.ts";
-import { ARRAY_WIDTH, arraySplats, GROUND_FRAGMENT, GROUND_VERTEX } from "./cast_shaders.ts";
+import { GROUND_FRAGMENT, GROUND_VERTEX } from "./cast_shaders.ts";
 import { Program, Texture } from "./gl.ts";
-import { ORDER_WIDTH, Renderer, type Resources } from "./renderer.ts";
+import { Renderer, type Resources } from "./renderer.ts";
+import { ARRAY_WIDTH, arraySplats, ORDER_WIDTH } from "./shaders.ts";
 
 /** Where something is: 3 rows of 4 numbers, a rotation with a scale, and an offset. */
 export type Placement = readonly number[];

@@ -3,15 +3,16 @@
 import type { Vector } from "../stream/metadata.ts";
 import { BLOCK_TEXELS } from "../stream/motion.ts";
 import { unitsOf } from "../stream/layout.ts";
-import type { GroupSetup, Picture } from "../worker/messages.ts";
+import type { GroupSetup, Picture, StreamSet } from "../worker/messages.ts";
 import { centerOf, fieldLimits, type Pinhole } from "./camera.ts";
 import { escapedSplats } from "./escapes.ts";
 import { contextOf, Program, Texture } from "./gl.ts";
-import { FULL_VERTEX, imageSplats, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX } from "./shaders.ts";
+import {
+  ARRAY_WIDTH, arraySplats, FULL_VERTEX, imageSplats, ORDER_WIDTH, projectFragment, RESOLVE_FRAGMENT, SPLAT_FRAGMENT, SPLAT_VERTEX,
+} from "./shaders.ts";
 
 const BLOCKS_PER_ROW = 128; // blocks per row of the block table
 
-export const ORDER_WIDTH = 1024; // splats per row of the order texture
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of renderers that draw with the CPU
 
 const BATCH = 1024; // splats per instance: with one splat each, the overhead of instances would exceed the work on splats
@@ -28,6 +29,10 @@ export class Resources {
   readonly words: readonly [Texture, Texture];
   readonly wordsFrame: WebGLFramebuffer;
   readonly order: Texture;
+  /** The splats of the set, and their words. */
+  readonly set: Texture;
+  readonly setWords: readonly [Texture, Texture];
+  readonly setFrame: WebGLFramebuffer;
   readonly splat: Program;
   readonly resolve: Program;
   /** The image at its own resolution. */
@@ -57,6 +62,10 @@ export class Resources {
     const format = half ? ([gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] as const) : ([gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE] as const);
     this.drawing = new Texture(gl, 8, format, gl.LINEAR);
     this.drawingFrame = gl.createFramebuffer();
+    this.set = new Texture(gl, 9, [gl.R32F, gl.RED, gl.FLOAT]);
+    this.setWords = [new Texture(gl, 10, integers), new Texture(gl, 11, integers)];
+    this.setFrame = gl.createFramebuffer();
+    this.resizeWords(ORDER_WIDTH, 1, this.setWords, this.setFrame);
   }
 
   /** The program that projects; `splats`: its part that reads them. */
@@ -70,12 +79,12 @@ export class Resources {
   }
 
   /** Makes room for the words of the first pass; there may be more rows. */
-  resizeWords(width: number, height: number): void {
-    const { gl, words: [first, second] } = this;
+  resizeWords(width: number, height: number, [first, second] = this.words, frame = this.wordsFrame): void {
+    const { gl } = this;
     if (width === first.width && height <= first.height) return;
     first.resize(width, height);
     second.resize(width, height);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.wordsFrame);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, first.handle, 0);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, second.handle, 0);
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
@@ -136,6 +145,8 @@ export class Renderer {
   /** Places of the words of splats with escapes, by pixel; 0 for others. */
   private moved = new Uint32Array(0);
   protected count = 0;
+  /** The set. `seen`: the pinhole that its words are of. */
+  private behind: { readonly count: number; readonly dilation: number; seen: string } | null = null;
 
   /** `xrCompatible`: to draw the views of a WebXR session. StreamError: the browser does not support WebGL2. */
   constructor(canvas: HTMLCanvasElement, xrCompatible = false) {
@@ -207,6 +218,16 @@ export class Renderer {
     this.setEscapes(resources, setup, picture);
     this.hasPicture = true;
     this.setOrder(picture.order, picture.count);
+  }
+
+  /** Uploads the splats of the set, of which orders may then have some. */
+  setSet({ splats, count, dilation }: StreamSet): void {
+    const { resources } = this;
+    if (resources === null) return;
+    resources.set.resize(ARRAY_WIDTH, Math.ceil(splats.length / ARRAY_WIDTH));
+    resources.set.fill(splats, splats.length);
+    resources.resizeWords(ORDER_WIDTH, Math.ceil(count / ORDER_WIDTH), resources.setWords, resources.setFrame);
+    this.behind = { count, dilation, seen: "" };
   }
 
   /** Uploads a new sort order for the same frame. */
@@ -295,6 +316,7 @@ export class Renderer {
     const { splat } = resources;
     splat.use();
     resources.words.forEach((texture, k) => texture.bindTo(splat, `words${k}`));
+    resources.setWords.forEach((texture, k) => texture.bindTo(splat, `set${k}`));
     gl.uniform1i(splat.at("tile"), tile);
     gl.uniform2f(splat.at("size"), ...size);
     resources.order.bindTo(splat, "order");
@@ -327,7 +349,28 @@ export class Renderer {
     };
     tile(resources.luma, resources.statics, group.tile, 0);
     if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, group.tile);
+    this.projectSet(resources, pinhole);
     return group.tile;
+  }
+
+  /** Projects the set, unless the view is that of the last time. */
+  private projectSet(resources: Resources, pinhole: Pinhole): void {
+    const { gl, behind } = this;
+    const key = JSON.stringify(pinhole);
+    if (behind === null || behind.seen === key) return;
+    behind.seen = key;
+    const { count, dilation } = behind;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, resources.setFrame);
+    const program = resources.project(arraySplats(0));
+    program.use();
+    resources.set.bindTo(program, "values");
+    gl.uniform1iv(program.at("places[0]"), [0, 3 * count, 7 * count, 10 * count, 11 * count]);
+    gl.uniform1i(program.at("count"), count);
+    this.setPinhole(program, pinhole, centerOf(pinhole), dilation);
+    gl.viewport(0, 0, ORDER_WIDTH, Math.ceil(count / ORDER_WIDTH));
+    gl.uniform2i(program.at("layoutOf"), ORDER_WIDTH, 1);
+    gl.uniform2i(program.at("origin"), 0, 0);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   /** Sets what projecting depends on, besides the splats. `eye`: the camera's center in their coordinates. */

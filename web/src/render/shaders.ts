@@ -10,11 +10,14 @@
  */
 
 import { tilesOf } from "../stream/layout.ts";
-import { NEAR } from "../stream/sort.ts";
+import { NEAR, OF_SET } from "../stream/sort.ts";
 
 /** Maximum alpha of a splat at a pixel, and the minimum that is rendered, as in studio.rasterizer. */
 const ALPHA_MAX = 0.99;
 const ALPHA_MIN = 1 / 255;
+
+/** Splats in a row of the order, and of words of splats that are in no image. */
+export const ORDER_WIDTH = 1024;
 
 const float = (value: number): string => (Number.isInteger(value) ? `${value}.0` : String(value));
 
@@ -28,7 +31,7 @@ export const FULL_VERTEX = `${HEAD}
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
 
 /** Real spherical harmonics, in the order and with the signs of studio.rasterizer.harmonics. */
-export const HARMONICS = [
+const HARMONICS = [
   "0.28209479177387814",
   "-0.4886025119029199 * d.y",
   "0.4886025119029199 * d.z",
@@ -105,6 +108,39 @@ vec3 harmonics(vec3 d) {
 /** Reads splats from an image. */
 export const imageSplats = (shDegree: number): string => channels(tilesOf(shDegree).count) + READ(shDegree);
 
+/** Values in a row of the texture that holds splats as arrays. */
+export const ARRAY_WIDTH = 4096;
+
+/** Splats as arrays of floats, one after the other in a texture. */
+export const arraySplats = (shDegree: number): string => `
+uniform sampler2D values;
+uniform int count;
+uniform int places[5]; // of means, quats, scales, opacities and colors in the texture
+uniform ivec2 layoutOf; // splats in a row
+ivec2 here;
+int number;
+float at(int i) { return texelFetch(values, ivec2(i & ${ARRAY_WIDTH - 1}, i / ${ARRAY_WIDTH}), 0).r; }
+vec3 three(int i) { return vec3(at(i), at(i + 1), at(i + 2)); }
+
+bool read(out vec3 mean, out mat3 axes, out float opacity) {
+  number = here.y * layoutOf.x + here.x;
+  if (number >= count) return false;
+  mean = three(places[0] + 3 * number);
+  vec4 quat = vec4(at(places[1] + 4 * number), three(places[1] + 4 * number + 1));
+  vec3 scale = three(places[2] + 3 * number);
+  opacity = at(places[3] + number);
+  axes = turned(quat);
+  axes = mat3(scale.x * axes[0], scale.y * axes[1], scale.z * axes[2]);
+  return true;
+}
+
+vec3 harmonics(vec3 d) {
+  int first = places[4] + ${3 * (shDegree + 1) ** 2} * number;
+  vec3 color = vec3(0.0);
+  ${HARMONICS.slice(0, (shDegree + 1) ** 2).map((basis, k) => `color += (${basis}) * three(first + ${3 * k});`).join("\n  ")}
+  return color;
+}`;
+
 /** The first pass. `splats`: the program's part that reads them. Words written: x, y in pixels (float bits); inverse covariance
  * xx, xy, yy (float bits); red and green, blue and opacity (half floats); 1 if the splat is visible. */
 export function projectFragment(splats: string): string {
@@ -169,7 +205,7 @@ void main() {
 export const SPLAT_VERTEX = `${HEAD}
 uniform usampler2D order; // pixels of the splats' tile, farthest first
 uniform int count, batch;
-uniform usampler2D words0, words1;
+uniform usampler2D words0, words1, set0, set1;
 uniform int tile;
 uniform vec2 size;
 flat out vec4 paint; // color and opacity
@@ -178,11 +214,13 @@ out vec2 offset;
 void main() {
   int number = gl_InstanceID * batch + (gl_VertexID >> 2);
   if (number >= count) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
-  int splat = int(texelFetch(order, ivec2(number & 1023, number >> 10), 0).x);
-  ivec2 at = ivec2(splat % tile, splat / tile);
-  uvec4 b = texelFetch(words1, at, 0);
+  uint entry = texelFetch(order, ivec2(number & 1023, number >> 10), 0).x;
+  bool ofSet = entry >= ${OF_SET}u;
+  int splat = int(ofSet ? entry - ${OF_SET}u : entry), width = ofSet ? ${ORDER_WIDTH} : tile;
+  ivec2 at = ivec2(splat % width, splat / width);
+  uvec4 b = ofSet ? texelFetch(set1, at, 0) : texelFetch(words1, at, 0);
   if (b.w == 0u) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
-  uvec4 a = texelFetch(words0, at, 0);
+  uvec4 a = ofSet ? texelFetch(set0, at, 0) : texelFetch(words0, at, 0);
   vec2 place = uintBitsToFloat(a.xy);
   conic = vec3(uintBitsToFloat(a.zw), uintBitsToFloat(b.x));
   vec2 rg = unpackHalf2x16(b.y), bo = unpackHalf2x16(b.z);

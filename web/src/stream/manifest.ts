@@ -14,6 +14,7 @@ export const MAX_MANIFEST_BYTES = 64 << 20;
 /** Files are named by the first digits of their SHA-256. */
 export const HASHED = /^files\/([0-9a-f]{32})\.[a-z0-9]{1,8}$/;
 
+const MAX_SPLATS = 4 << 20;
 const MAX_GROUPS = 1_000_000;
 const MAX_PICTURE = 16384; // pixels on a side
 const MAX_BLOCK_SPAN = 1e6; // largest extent of the keyframe's lattice in units of the blocks' radius
@@ -75,6 +76,8 @@ export function parseManifest(text: string, bytes: number): Manifest {
   const last = spans[spans.length - 1];
   const count = last.firstFrame + last.frameCount;
   if (manifest.frame_count !== count) throw wrong("frame_count", `must be ${count}, as many as the groups have`, manifest.frame_count);
+  manifest.set.forEach((part, i) => checkSetPart(part, i));
+  if (manifest.set.reduce((total, { splats }) => total + splats, 0) > MAX_SPLATS) throw wrong("set", `has more than ${MAX_SPLATS} splats`);
   checkAudio(manifest);
   checkTotal(manifest, bytes);
   return { ...manifest, pages, spans, metadata: readMetadata(manifest.metadata ?? {}) };
@@ -134,6 +137,13 @@ function checkGroups(
     frame += group.frame_count;
   }
   return frame;
+}
+
+/** Parts of the set are groups of one frame, whose color is the same from all sides. */
+function checkSetPart(part: stored.Rendition, index: number): void {
+  for (const [key, wanted] of [["index", index], ["first_frame", 0], ["frame_count", 1], ["sh_degree", 0]] as const)
+    if (part[key] !== wanted) throw wrong(`set.${index}.${key}`, `must be ${wanted}`, part[key]);
+  checkRendition(part, `set.${index}`);
 }
 
 function checkRendition(one: stored.Rendition, place: string): void {
@@ -198,6 +208,7 @@ function checkTotal(manifest: stored.Manifest, bytes: number): void {
   const sizes = new Map<string, number>();
   for (const { renditions } of manifest.groups)
     for (const file of renditions.flatMap(filesOf)) sizes.set(file.path, file.bytes);
+  for (const file of manifest.set.flatMap(filesOf)) sizes.set(file.path, file.bytes);
   if (manifest.audio !== null) sizes.set(manifest.audio.path, manifest.audio.bytes);
   const known = [...sizes.values()].reduce((total, size) => total + size, bytes);
   if (manifest.pages.length === 0 && manifest.total_bytes < known)

@@ -223,8 +223,9 @@ function checkValues({ channels }: Rendition, channel: Uint8Array, beyond: Int32
   for (let i = 0; i < channel.length; i++) {
     const { name, offset, step } = channels[channel[i]];
     const [low, high] = valueBounds(name);
-    const value = offset + ((beyond[i] < 0 ? beyond[i] : beyond[i] + 255) - 128) * step;
-    if (value < low || value > high) throw new StreamError(`an escape in ${name} has the value ${value}`);
+    const code = beyond[i] < 0 ? beyond[i] : beyond[i] + 255;
+    const value = offset + (code - 128) * step;
+    if (value < low || value > high || code >= 2 ** 31) throw new StreamError(`an escape in ${name} has the value ${value}`);
   }
 }
 

@@ -14,8 +14,10 @@ export const isDecoder = (name: string | null): name is DecodePath => name !== n
 
 export const SPEEDS = [0.25, 0.5, 1, 1.5, 2] as const;
 
-/** Available backgrounds; null is transparent. "stream" is the background suggested by the stream. */
+/** Available backgrounds; null is transparent. "set" is the set behind the performer, "stream" the color suggested by the
+ * stream. */
 export const BACKGROUNDS = {
+  set: { color: null },
   stream: { color: null },
   black: { color: [0, 0, 0] },
   gray: { color: [0.22, 0.24, 0.27] },

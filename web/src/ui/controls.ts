@@ -245,7 +245,7 @@ export class Controls extends Bar<ControlsHost> {
   }
 
   nextBackground(): void {
-    const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => !isSuggested(name, this.suggested));
+    const names = (Object.keys(BACKGROUNDS) as BackgroundName[]).filter((name) => this.offers(name));
     const next = names[(names.indexOf(this.background) + 1) % names.length];
     this.host.setBackground(next);
     this.notice(this.words.chosen(this.words.background, this.words.backgrounds[next]));
@@ -373,7 +373,7 @@ export class Controls extends Bar<ControlsHost> {
     const { suggested, background } = this;
     this.part(".swatch.stream").style.setProperty("--color", cssColor(suggested));
     for (const { value, parentElement: label } of this.radios("background"))
-      label!.hidden = isSuggested(value as BackgroundName, suggested);
+      label!.hidden = !this.offers(value as BackgroundName);
     this.check("background", isSuggested(background, suggested) ? "stream" : background);
     this.check("speed", String(this.player.speed));
     this.check("loop", String(this.host.state.loop));
@@ -381,7 +381,16 @@ export class Controls extends Bar<ControlsHost> {
 
   private get background(): BackgroundName {
     const { background } = this.host;
-    return isBackground(background) ? background : "stream";
+    const chosen = isBackground(background) ? background : "set";
+    return chosen === "set" && !this.hasSet ? "stream" : chosen;
+  }
+
+  private get hasSet(): boolean {
+    return this.player.info?.hasSet === true;
+  }
+
+  private offers(name: BackgroundName): boolean {
+    return name === "set" ? this.hasSet : !isSuggested(name, this.suggested);
   }
 
   /** The background of the stream, or black. */

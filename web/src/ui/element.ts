@@ -412,8 +412,9 @@ export class V3PlayerElement extends Base implements ControlsHost, Tenant {
   #paint(): void {
     const engine = this.#engine;
     if (engine === null) return;
-    const name = isBackground(this.background) ? this.background : "stream";
-    const color = name === "stream" ? (engine.info?.background ?? BACKGROUNDS.black.color) : BACKGROUNDS[name].color;
+    const name = isBackground(this.background) ? this.background : "set";
+    engine.showsSet = name === "set";
+    const color = name === "stream" || name === "set" ? (engine.info?.background ?? BACKGROUNDS.black.color) : BACKGROUNDS[name].color;
     engine.background = color;
     this.style.backgroundColor = cssColor(color);
     this.classList.toggle("light", isLight(color ?? backdropOf(this)));

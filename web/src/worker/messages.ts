@@ -52,6 +52,8 @@ export type SessionRequest =
   | { readonly type: "played"; readonly group: number; readonly shown: number; readonly dropped: number }
   /** Return buffers that are no longer needed. */
   | { readonly type: "recycle"; readonly buffers: ArrayBuffer[] }
+  /** Whether the splats behind the performer are shown; they are fetched when they first are. */
+  | { readonly type: "set"; readonly shown: boolean }
   /** Look whether another bake has replaced the stream. */
   | { readonly type: "look" }
   /** The graphics context was lost: send the next image with its group's setup. */
@@ -96,6 +98,8 @@ export interface StreamInfo extends Metadata {
   /** Whether groups are still being added. */
   readonly live: boolean;
   readonly hasSound: boolean;
+  /** Whether there are splats behind the performer. */
+  readonly hasSet: boolean;
   /** Whether SHA-256 checksums of files are verified; browsers support that only on secure pages. */
   readonly checksums: boolean;
 }
@@ -151,6 +155,13 @@ export interface Splats extends SplatArrays {
   readonly dilation: number;
 }
 
+/** The splats behind the performer: `count` of SH degree 0, as means, quats, scales, opacities and sh, one after the other. */
+export interface StreamSet {
+  readonly splats: Float32Array<ArrayBuffer>;
+  readonly count: number;
+  readonly dilation: number;
+}
+
 /** Reports of the worker about a stream, by name; also the events of `V3Stream`. */
 export interface StreamEvents {
   /** The manifest has been read. */
@@ -167,6 +178,8 @@ export interface StreamEvents {
   picture: Picture;
   order: Pick<Picture, "frame" | "order" | "count"> & { readonly sort: number };
   splats: Splats;
+  /** What has arrived of the set. */
+  set: StreamSet;
   /** The sound's file; `start` and `length` in seconds. */
   sound: { readonly file: Blob; readonly start: number; readonly length: number };
   path: DecodePath;

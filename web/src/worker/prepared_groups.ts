@@ -10,7 +10,7 @@ import type { Arriving } from "./arriving.ts";
 import type { DecodePath, Report } from "./messages.ts";
 import { arrivingPictures, checkedPictures, type PictureSource, WebCodecsPictures } from "./pictures.ts";
 import type { Pool } from "./pool.ts";
-import type { Files, GroupStore } from "./store.ts";
+import type { Fetched, Files, GroupStore } from "./store.ts";
 import { VideoElementPictures } from "./video_pictures.ts";
 
 const KEPT = 3; // number of groups kept
@@ -78,7 +78,11 @@ export class PreparedGroups {
   }
 
   private async read(index: number): Promise<Prepared> {
-    const { group, files, complete } = await this.store.get(index);
+    return this.prepare(await this.store.get(index));
+  }
+
+  /** Opens a group whose files are there, or arriving. StreamError: it is damaged. */
+  async prepare({ group, files, complete }: Fetched): Promise<Prepared> {
     const began = performance.now();
     const side = files.get(group.side.path)!;
     // While this thread reads the side file, others decompress and decode.

@@ -13,6 +13,7 @@ import { RateRule } from "./rate_rule.ts";
 import { EmbeddedSource, readChecked, type Source } from "./source.ts";
 import { dequantize, splatArrays } from "./splats.ts";
 import { GroupStore } from "./store.ts";
+import { SetOfStream } from "./set.ts";
 import { StreamFiles } from "./stream_files.ts";
 
 /** Seconds between two reads of a live stream's manifest; in between, about the duration of a group. */
@@ -30,6 +31,7 @@ export class Session {
   private readonly sorter = new DepthSorter();
   private readonly store: GroupStore;
   private readonly groups: PreparedGroups;
+  private readonly set: SetOfStream;
   private wanted: { readonly frame: number; readonly axis: DepthAxis | null } | null = null;
   private running = false;
   /** Cancels waiting for the frame in progress, because another one was requested. */
@@ -41,6 +43,7 @@ export class Session {
   /** Prepared groups that were fetched again in a better rendition while they were played. */
   private readonly outdated = new Set<number>();
   private soundWanted = true;
+  private own = new Uint32Array(0); // the order of a frame's splats, before those of the set are merged into it
 
   /** Fetches and validates the manifest. `signal` closes the session. StreamError: the manifest is missing or damaged, or the
    * stream cannot be played here. */
@@ -78,6 +81,7 @@ export class Session {
     this.store = new GroupStore(files, rule, fixed, request.maxTexture, fetched, (group) => this.improved(group), signal);
     this.store.loop = request.loop;
     this.groups = new PreparedGroups(this.store, report, this.pool, request.path);
+    this.set = new SetOfStream(files, this.groups, report, this.pool, signal);
     signal.addEventListener("abort", () => this.groups.dropAll());
   }
 
@@ -101,6 +105,7 @@ export class Session {
         return;
       }
       files.manifest = manifest;
+      void this.set.bring();
       this.report("grown", streamInfo(manifest));
       void this.store.fetchAhead();
       this.prepareNext();
@@ -131,6 +136,10 @@ export class Session {
         break;
       case "recycle":
         for (const buffer of message.buffers) this.pool.give(buffer);
+        break;
+      case "set":
+        this.set.shown = message.shown;
+        if (!this.soundWanted) void this.set.bring();
         break;
       case "look":
         void this.files.look();
@@ -203,7 +212,9 @@ export class Session {
       if (!(error instanceof Rebaked)) this.leaveOut(group.index, error);
       return;
     }
-    if (this.soundWanted) await this.bringSound();
+    if (!this.soundWanted) return;
+    void this.bringSound();
+    await this.set.bring();
   }
 
   private deliverSplats({ group, tables }: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
@@ -254,8 +265,16 @@ export class Session {
 
   private sorted({ positions, pixels }: Decoded, axis: DepthAxis): { order: Uint32Array<ArrayBuffer>; count: number; sort: number } {
     const began = performance.now();
-    const order = new Uint32Array(this.pool.take((4 * positions.length) / 3).buffer);
-    const count = this.sorter.sort(positions, pixels, axis, order);
+    const splats = positions.length / 3;
+    const { visible: set } = this.set;
+    const order = new Uint32Array(this.pool.take(4 * (splats + (set?.size ?? 0))).buffer);
+    let count: number;
+    if (set === null) count = this.sorter.sort(positions, pixels, axis, order);
+    else {
+      if (this.own.length !== splats) this.own = new Uint32Array(splats);
+      const own = this.sorter.sort(positions, null, axis, this.own);
+      count = set.merge(this.own, own, this.sorter.depths, pixels, axis, order);
+    }
     return { order, count, sort: performance.now() - began };
   }
 
@@ -348,6 +367,7 @@ function streamInfo(manifest: Manifest): StreamInfo {
     ...manifest.metadata,
     live: manifest.live,
     hasSound: manifest.audio !== null,
+    hasSet: manifest.set.length > 0,
     checksums: isSecureContext,
   };
 }

@@ -89,9 +89,12 @@ export class Immersive {
     if (info === null) throw new StreamError("The stream is not open yet.");
     this.placement = new Placement(footing(info.box, player.camera.up, player.camera.ahead), kind === "ar");
     this.resolution.budget = 1000 / (session.frameRate ?? RATE);
+    const { showsSet } = player;
+    if (kind === "ar") player.showsSet = false;
     session.addEventListener("end", () => {
       this.stop.abort();
       hits?.cancel();
+      player.showsSet = showsSet;
       player.leaveImmersion();
       ended();
     });
