@@ -30,10 +30,10 @@ from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer import rasterize, set_kernel_threads
 from v3studio.studio.rasterizer.cpu import load_kernels
 from v3studio.studio.rasterizer.kernels import definitions_only
+from v3studio.studio.stream.coded_values import CodedValues
 from v3studio.studio.training import TrainingView, TrainSettings
 from v3studio.studio.training.adam import Adam, ParameterGroup
 from v3studio.studio.training.coded_loss import CodedLoss
-from v3studio.studio.training.coded_values import CodedValues
 from v3studio.studio.training.dropout import drop_splats
 from v3studio.studio.training.hashgrid import Corners, HashGrid
 from v3studio.studio.training.interframe import performer_box

@@ -8,9 +8,9 @@ from torch import Tensor
 
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.progress import ProgressFn, no_progress
+from v3studio.studio.stream.coded_values import CodedValues
 from v3studio.studio.training.adam import Adam, ParameterGroup
 from v3studio.studio.training.coded_loss import CodedLoss
-from v3studio.studio.training.coded_values import CodedValues
 from v3studio.studio.training.hashgrid import HashGrid
 from v3studio.studio.training.keyframe import scene_extent
 from v3studio.studio.training.motion import MotionField, predicted_means

@@ -155,7 +155,7 @@ def test_the_gzipped_sizes_of_the_player_are_those_of_its_page() -> None:
     told = [int(size) for size in re.findall(r"(\d+) KB\s+\(?gzipped", text)]
     sizes = [
         len(gzip.compress(file)) / 1000
-        for file in (player.page.encode() + player.script, player.parts["v3-first.js"], player.review)
+        for file in (player.page.encode() + player.script, player.parts["v3-first.js"], player.review, player.cast)
     ]
     assert told == pytest.approx(sizes, abs=1)
 

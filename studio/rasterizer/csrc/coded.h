@@ -1,6 +1,6 @@
 // The losses on the values that a stream codes: bits of the quantized residuals (paper equations 8 to 11), difference
 // to the previous frame (equation 12); and the coded values themselves. The definitions are
-// studio/training/coded_loss.py and studio/training/coded_values.py.
+// studio/training/coded_loss.py and studio/stream/coded_values.py.
 #pragma once
 
 #include <cstddef>

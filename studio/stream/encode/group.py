@@ -189,13 +189,14 @@ class GroupBake:
         a finer or coarser step, 6 QPs per factor of two.
         """
         steps: list[float] = []
+        qps = {str(name): qp for name, qp in settings.attribute_qps.items()}
         for attribute in map(BY_NAME.__getitem__, channel_rows(self._degree)):
             base = attribute.steps
             if attribute.name == "means":
                 base = (self._step / 2,) * 3
             elif attribute.name == "scales":
                 base = tuple(step * math.sqrt(self._typical) for step in base)
-            qp = settings.attribute_qps.get(attribute.name, settings.qp)
+            qp = qps.get(attribute.name, settings.qp)
             steps += [step * 2.0 ** ((qp - settings.qp) / 6) for step in base] * attribute.repeats(self._degree)
         return steps
 

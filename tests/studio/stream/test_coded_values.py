@@ -9,8 +9,8 @@ import torch
 from tests.studio.rasterizer.conftest import make_splats
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.stream.attributes import component_rows
+from v3studio.studio.stream.coded_values import CodedValues
 from v3studio.studio.stream.layout import component_frames
-from v3studio.studio.training.coded_values import CodedValues
 
 
 def random_gaussians(count: int, seed: int = 0, dtype: torch.dtype = torch.float32) -> Gaussians:
