@@ -43,7 +43,7 @@ GROUPS = {  # commands, in the order of `v3studio --help`
     "Prepare a capture": ("board", "sync", "colors", "models", "models get"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
     "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
-    "Research": ("compare", "ablate"),
+    "Research": ("compare",),
 }
 
 _ABOUT = "Turn synchronized multi-camera footage of a performer into a streamable Gaussian video."

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from v3studio.pipelines.ablation.study import AblationResults
 from v3studio.pipelines.takes.results.evaluation import Evaluation
 from v3studio.pipelines.takes.results.records import StageRecord
 from v3studio.studio.calibration.report import CalibrationReport
@@ -16,7 +15,6 @@ from v3studio.studio.json_types import JsonObject
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 MODELS: dict[str, type[BaseModel]] = {
     "evaluation.schema.json": Evaluation,
-    "ablation.schema.json": AblationResults,
     "calibration.schema.json": CalibrationReport,
     "record.schema.json": StageRecord,
 }

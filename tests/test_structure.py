@@ -88,7 +88,7 @@ def test_every_imported_package_is_declared() -> None:
 
 
 PIPELINES = (
-    "cli", "commands", "ablation", "comparison", "estimate", "export", "share", "review", "batch", "runs", "new_take",
+    "cli", "commands", "comparison", "estimate", "export", "share", "review", "batch", "runs", "new_take",
     "inspection", "stages", "reports", "outputs", "takes", "events", "config", "version",
 )  # fmt: skip
 """Modules of `pipelines`, top down: each may import the ones after it, and nothing before or beside it."""

@@ -48,8 +48,6 @@ def test_wrong_usage_is_2_and_a_failure_1(here: Here, tmp_path: Path) -> None:
         ("status ball.yaml", 1, "ball.yaml: is a file, not a take"),
         ("config trian", 2, "did you mean train?"),
         ("queue list --queue odd.json", 1, "odd.json: format is missing. Choose another file with --queue"),
-        ("ablate ball.yaml --out folder", 1, "folder: exists and is not an earlier output"),
-        ("ablate ball.yaml --out odd.json/study", 1, "a part of the path is a file"),
         ("export take --format turntable --out t.mp4 --seconds 0", 1, "seconds is 0; it must be above 0"),
         ("export take --format turntable --out t.mp4 --fps 0", 1, "fps is 0; it must be above 0"),
         ("export take --format ply --out odd.json/plys", 1, "plys: cannot be written: a part of the path is a file"),
@@ -79,7 +77,6 @@ FOLDERS = {
     "bake": ("bake", "ball.yaml", "--take"),
     "init": ("init", "capture", "--out"),
     "share": ("share", "take", "--out"),
-    "ablate": ("ablate", "ball.yaml", "--out"),
     "compare": ("compare", "take", "--out"),
     **{name: (name,) for name in ("status", "check", "cancel", "estimate", "play", "serve", "sync")},
 }
