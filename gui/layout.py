@@ -1,7 +1,5 @@
 """The places of the window's panels. In a narrow window rows wrap and the right panel is hidden."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from open3d.visualization import gui

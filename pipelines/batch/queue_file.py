@@ -1,7 +1,5 @@
 """The queue of takes, kept in a file that several programs read and change."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

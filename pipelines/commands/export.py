@@ -1,7 +1,5 @@
 """`v3studio export`: writes frames of a take or a stream in other programs' formats, or rendered as EXR or a movie."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from pathlib import Path

@@ -5,8 +5,6 @@ the alternatives, hypercorn, granian and aiohttp have no limit of connections th
 their timeouts with every byte, and waitress has no TLS.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

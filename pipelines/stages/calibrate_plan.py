@@ -1,7 +1,5 @@
 """Plans a calibration: what the cameras come from, and what they are made from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Footage: images, masks and cameras of a capture, by camera and frame."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -12,8 +12,6 @@ both over. Here files have the axes of PLY.
 Reads never more than the promised splats need: sizes of parts and images are checked before they are unpacked.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

@@ -1,7 +1,5 @@
 """Playback without a window, for `v3studio play` and for measurements."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -15,8 +15,6 @@ With TRITON_INTERPRET=1, set before Triton is imported, the same code runs on th
 """
 
 # mypy: disable-error-code="no-untyped-def,untyped-decorator"
-from __future__ import annotations
-
 import triton
 import triton.language as tl
 

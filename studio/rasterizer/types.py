@@ -1,7 +1,5 @@
 """Inputs and outputs that all backends share, and the constants of the definition."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

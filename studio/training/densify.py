@@ -1,7 +1,5 @@
 """Density control of the keyframe: splats are split where several views agree that the image is wrong."""
 
-from __future__ import annotations
-
 import torch
 
 from v3studio.studio.gaussians import Gaussians

@@ -1,7 +1,5 @@
 """Lines, points and images as pixels with depths, for `gui.models.scene.compose`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

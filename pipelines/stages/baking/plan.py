@@ -1,7 +1,5 @@
 """Plans a bake: which groups the stream has, what each is made from, and which are baked already."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The color differences between the cameras of a take, fitted once before its groups are trained."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Any

@@ -5,8 +5,6 @@ the same input gives the same bits.
 """
 
 # mypy: disable-error-code="no-untyped-def,untyped-decorator"
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -20,8 +20,6 @@ computes once for all steps of a frame.
 """
 
 # mypy: disable-error-code="no-untyped-def,untyped-decorator"
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

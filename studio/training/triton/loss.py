@@ -8,8 +8,6 @@ same bits.
 """
 
 # mypy: disable-error-code="no-untyped-def,untyped-decorator"
-from __future__ import annotations
-
 import functools
 import math
 
