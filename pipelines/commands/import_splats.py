@@ -18,12 +18,11 @@ from v3studio.studio.counts import counted
 
 
 def register(commands: Any) -> None:
-    text = "bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, .ksplat, USD, VideoGS"
+    text = "bake splat files from other programs into a stream: PLY, SPZ, SOG, .splat, USD"
     more = (
-        "SOURCE is a folder of numbered splat files of one format, one such file, a USD file, or a folder in the "
-        "VideoGS layout. Formats: 3DGS PLY and compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json with its "
-        "images), .splat and .ksplat. A new group begins where Gaussians do not correspond to those of the previous "
-        "frame."
+        "SOURCE is a folder of numbered splat files of one format, one such file, or a USD file. Formats: 3DGS PLY and "
+        "compressed PLY, SPZ (versions 2 to 4), SOG (.sog, or meta.json with its images) and .splat. A new group "
+        "begins where Gaussians do not correspond to those of the previous frame."
     )
     parser = add_command(commands, "import", text, _import, more)
     parser.add_argument("source", type=Path, metavar="SOURCE", help="folder or file to import")

@@ -90,11 +90,9 @@ FORMATS = (
     ),
     Format("sog", "frame", ".sog", "SOG", readable=True),
     Format("splat", "frame", ".splat", ".splat", readable=True),
-    Format("ksplat", "frame", ".ksplat", ".ksplat", readable=True),
     Format(
         "videogs", "sequence", "", "VideoGS layout",
         "a folder in the VideoGS layout, for the players of the paper's released code",
-        readable=True,
     ),
     Format(
         "usd", "sequence", ".usdc", "USD, one file",

@@ -21,11 +21,10 @@ from v3studio.studio.formats import (
     write_splats,
 )
 from v3studio.studio.formats.checks import Note, check_some_usable, usable
-from v3studio.studio.formats.frame_files import CHECKPOINT, check_one_format, find_frames, formats_in
+from v3studio.studio.formats.frame_files import CHECKPOINT, find_frames
 from v3studio.studio.formats.outliers import Bulk, Spread
 from v3studio.studio.formats.placing import new_file, new_folder
 from v3studio.studio.formats.rigid_motion import moved, scaled, turned, upright
-from v3studio.studio.formats.videogs import is_videogs, open_videogs
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.own_frame import frame_sentence, splats_frame
 from v3studio.studio.progress import ProgressFn, no_progress
@@ -155,8 +154,7 @@ def _same_splats(before: np.ndarray, after: np.ndarray, generator: np.random.Gen
 
 
 def open_import(place: Path | str, fps: float | None = None, progress: ProgressFn = no_progress) -> SplatVideo:
-    """Open the VideoGS layout, a USD file, a folder of splat files of one format (see `studio.formats`), or one such
-    file.
+    """Open a USD file, a folder of splat files of one format (see `studio.formats`), or one such file.
 
     Example:
         >>> splats = v3.trained_video("my-take").read(0)
@@ -171,9 +169,6 @@ def open_import(place: Path | str, fps: float | None = None, progress: ProgressF
     more than one, or its files are damaged.
     """
     place = Path(place)
-    if is_videogs(place):
-        check_one_format(place, {"VideoGS": [place / "group_info.json"], **formats_in(place)})
-        return open_videogs(place, fps or DEFAULT_FPS)
     if place.suffix.lower() in USD_SUFFIXES and not place.is_dir():
         from v3studio.studio.formats.usd import UsdFrames
 

@@ -121,7 +121,6 @@ def test_what_has_no_size_takes_no_more_memory_than_it_has_bytes(tmp_path: Path)
         ("tie_points.yaml", b"a:", read_tie_points),
         ("take.json", b"{", lambda path: Take.open(path.parent)),
         ("a.splat", b"", read_splats),
-        ("a.ksplat", b"\0\1", read_splats),
         ("a.spz", b"NGSP", read_splats),
         ("a.ply", b"ply\nformat ascii 1.0\n", read_splats),
         ("a.safetensors", b"\x02\0\0\0\0\0\0\0{}", read_frame),

@@ -12,7 +12,7 @@ from v3studio.pipelines.takes.take import Take
 from v3studio.studio.gaussians import Gaussians
 
 COUNT = 260
-"""More than a chunk of compressed PLY, a bucket of .ksplat and a row of SOG's palette have."""
+"""More than a chunk of compressed PLY, and a row of SOG's palette have."""
 
 
 def noise(seed: int) -> Callable[..., torch.Tensor]:

@@ -120,13 +120,13 @@ def test_viewer_axes(here: Here, take: Path, tmp_path: Path) -> None:
     assert torch.equal(read_splats(tmp_path / "b.spz").means, read_splats(tmp_path / "a.spz").means)
 
 
-def test_videogs_there_and_back(here: Here, take: Path, tmp_path: Path) -> None:
-    here("export", take, "--format", "videogs", "--qp", "0", "--out", tmp_path / "vgs").ok()
+def test_plys_there_and_back(here: Here, take: Path, tmp_path: Path) -> None:
+    here("export", take, "--format", "ply", "--out", tmp_path / "plys").ok()
     options = ("--fps", "12.5", "--bake.quality", "0", "--up", "0,0,2")
-    done = here("import", tmp_path / "vgs", "--out", tmp_path / "back", *options, "--bake.first_group_size", "2").ok()
+    done = here("import", tmp_path / "plys", "--out", tmp_path / "back", *options, "--bake.first_group_size", "2").ok()
     assert "back: 5 frames in 3 groups, " in done.stdout
     for unused in (("--train.dilation", "3"), ("--bake.view_range", "none")):
-        done = here("import", tmp_path / "vgs", "--out", tmp_path / "other", *unused, "--json").fails(code=2)
+        done = here("import", tmp_path / "plys", "--out", tmp_path / "other", *unused, "--json").fails(code=2)
         assert done.events[-1].code == "import.setting_not_used"
     with StreamReader.open(tmp_path / "back") as reader:
         assert (reader.fps, reader.manifest.settings["qp"]) == (12.5, 0)
@@ -212,7 +212,7 @@ def test_mistakes_are_one_sentence(here: Here, take: Path, tmp_path: Path) -> No
     assert here("export", take, "--format", "obj", "--out", out).returncode == 2
     for option, value in (("--size", "big"), ("--size", "0x64"), ("--background", "red"), ("--frames", "all")):
         here("export", take, "--format", "ply", "--out", out, option, value).fails(f"'{value}' is not", code=2)
-    here("import", take, "--out", out).fails("no .ply, .spz, .sog, .splat, .ksplat files")
+    here("import", take, "--out", out).fails("no .ply, .spz, .sog, .splat files")
 
 
 def test_frames_have_their_numbers_in_the_footage(here: Here, take: Path, tmp_path: Path) -> None:

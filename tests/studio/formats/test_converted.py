@@ -27,7 +27,7 @@ def matched(splats: Gaussians, meant: Gaussians) -> Gaussians:
 def test_every_format_and_degree_is_covered() -> None:
     covered = {("".join(path.suffixes[-2:]).replace(".json", "sog"), degree_of(path)) for path in CONVERTED}
     assert {degree for _, degree in covered} == {0, 1, 2, 3}
-    assert {ending for ending, _ in covered} == {".spz", ".compressed.ply", ".sog", "sog", ".splat", ".ksplat"}
+    assert {ending for ending, _ in covered} == {".spz", ".compressed.ply", ".sog", "sog", ".splat"}
 
 
 # Half a step of each format, generously: means, rotation (1 - |dot|), log scale, opacity, color; root mean square of SH
@@ -39,7 +39,6 @@ def test_every_format_and_degree_is_covered() -> None:
         (".sog", (2e-4, 2e-4, 6e-3, 1 / 255, 4e-3, 0.12)),
         (".json", (2e-4, 2e-4, 6e-3, 1 / 255, 4e-3, 0.12)),
         (".splat", (0, 2e-4, 1e-5, 1 / 255, 1 / 255 / 0.28, 0)),
-        (".ksplat", (8e-5, 1e-5, 1e-3, 1 / 255, 1 / 255 / 0.28, 0.005)),
     ],
 )
 def test_each_splat_is_within_the_steps_of_the_format(ending: str, steps: tuple[float, ...]) -> None:

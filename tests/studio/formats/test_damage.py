@@ -22,8 +22,7 @@ from v3studio.studio.formats import read_splats, splats_size
 
 DATA = Path(__file__).parents[2] / "data" / "splats"
 FILES = (
-    "degree1.spz", "degree1-v3.spz", "degree1.compressed.ply", "degree3.sog", "degree0.splat", "degree1-level1.ksplat",
-    "degree2-level2.ksplat",
+    "degree1.spz", "degree1-v3.spz", "degree1.compressed.ply", "degree3.sog", "degree0.splat",
 )  # fmt: skip
 REPEATED = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -266,25 +265,6 @@ def test_splat_files_of_odd_sizes_and_values(tmp_path: Path) -> None:
     flat[12:16] = 0  # a scale of 0: as thin as can be stored
     path.write_bytes(flat.tobytes())
     assert read_splats(path).scales[0, 0] < 1e-11
-
-
-def test_ksplat_headers(tmp_path: Path) -> None:
-    good = (DATA / "degree1-level1.ksplat").read_bytes()
-    path = tmp_path / "a.ksplat"
-    section = 4096
-    partial = section + 1024  # lengths of the buckets that are not full come first
-    values = [
-        (0, "B", 1, "unsupported_version"), (4, "<I", 0, "invalid_header"), (4, "<I", 2**32 - 1, "invalid_header"),
-        (16, "<I", 0, "splat_count"), (16, "<I", 259, "invalid_header"), (20, "<H", 3, "invalid_header"),
-        (section, "<I", 261, "invalid_header"), (section + 4, "<I", 2**32 - 1, "truncated"),
-        (section + 12, "<I", 2**32 - 1, "truncated"), (section + 16, "<f", np.nan, "no_usable_splats"),
-        (section + 20, "<H", 16, "invalid_header"), (section + 40, "<H", 3, "invalid_header"),
-        (partial, "<I", 2**32 - 1, "invalid_header"), (partial, "<I", 0, "invalid_header"),
-    ]  # fmt: skip
-    each_is_refused(path, [(good[:length], "truncated") for length in (4000, 5000, -1)])
-    each_is_refused(path, [(patched(good, at, struct.pack(kind, value)), code) for at, kind, value, code in values])
-    with refuses("splat_file.not_found", file=tmp_path / "none.ksplat"):
-        read_splats(tmp_path / "none.ksplat")
 
 
 def test_compressed_ply_headers(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_damage_and_other_things_than_splats(tmp_path: Path) -> None:
             read_splats(path)
     with refuses("splat_file.not_found", file=tmp_path / "none.ply"):
         read_splats(tmp_path / "none.ply")
-    with refuses("splat_file.unsupported_format", value=".obj", expected=[".ply", ".spz", ".sog", ".splat", ".ksplat"]):
+    with refuses("splat_file.unsupported_format", value=".obj", expected=[".ply", ".spz", ".sog", ".splat"]):
         read_splats(tmp_path / "a.obj")
 
 

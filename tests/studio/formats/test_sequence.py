@@ -17,7 +17,6 @@ from v3studio.studio.formats import write_splats
 from v3studio.studio.formats.baking import bake_video, cut
 from v3studio.studio.formats.frame_files import find_frames, frame_numbers
 from v3studio.studio.formats.sequence import open_import
-from v3studio.studio.formats.videogs import export_videogs
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.playback import play_headless
 from v3studio.studio.splat_video import SplatVideo
@@ -178,15 +177,6 @@ def test_a_folder_of_no_or_more_than_one_format_is_refused_by_name(folder: Path)
         open_import(folder)
 
 
-def test_a_videogs_folder_with_other_files_is_refused(folder: Path) -> None:
-    write_splats(body(0), folder / "f0.ply")
-    export_videogs(open_import(folder), folder / "out")
-    assert open_import(folder / "out").frame_count == 1
-    write_splats(body(0), folder / "out" / "f0.ply")
-    with refuses("import.mixed_formats", file=folder / "out", value=["VideoGS", ".ply"]):
-        open_import(folder / "out")
-
-
 def test_open_sog_data_sets(folder: Path) -> None:
     """meta.json with images: itself, its folder, and folders of them as frames; others' meta.json do not count."""
     assert open_import(SPLATS / "sog" / "degree1" / "meta.json").frame_count == 1
@@ -206,8 +196,7 @@ def test_open_sog_data_sets(folder: Path) -> None:
         find_frames(folder)
 
 
-@pytest.mark.parametrize("name", ["degree1.compressed.ply", "degree1.spz", "degree0.sog", "degree0.splat",
-                                  "degree2-level2.ksplat"])  # fmt: skip
+@pytest.mark.parametrize("name", ["degree1.compressed.ply", "degree1.spz", "degree0.sog", "degree0.splat"])
 def test_sequences_of_each_format_are_baked(folder: Path, tmp_path: Path, name: str) -> None:
     for frame in range(3):
         shutil.copy(SPLATS / name, folder / f"f{frame}{name[name.index('.') :]}")

@@ -4,7 +4,6 @@ the released code, it decodes with OpenCV to BGR pictures and converts these to 
 import json
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ import torch
 
 from tests.studio.formats.conftest import MakeVideo
 from tests.support.errors import refuses
-from v3studio.studio.formats.sequence import open_import
-from v3studio.studio.formats.videogs import export_videogs, open_videogs
+from v3studio.studio.formats.videogs import export_videogs
 
 
 def players_reader(folder, lossless: bool = True) -> list[dict[str, np.ndarray]]:
@@ -88,19 +86,6 @@ def test_the_players_see_what_was_exported(tmp_path: Path, make_video: MakeVideo
             assert alike.min() > 1 - 4e-5
 
 
-def test_what_is_imported_is_what_the_players_see(tmp_path: Path, make_video: MakeVideo) -> None:
-    video = make_video((4, 3))
-    export_videogs(video, tmp_path / "out", qp=0)
-    imported = open_import(tmp_path / "out")
-    assert imported.groups == video.groups
-    for back, players in zip(imported, players_reader(tmp_path / "out"), strict=True):
-        np.testing.assert_allclose(back.means, players["position"], atol=1e-6)
-        np.testing.assert_allclose(back.scales, players["scale"], rtol=1e-5)
-        np.testing.assert_allclose(back.opacities, players["opacity"], atol=2e-6)
-        np.testing.assert_allclose(back.sh[:, 0], players["f_dc"], atol=1e-6)
-        np.testing.assert_allclose(back.quats, players["rotation"], atol=1e-6)
-
-
 @pytest.mark.parametrize("qp", [0, 20, 28, 35])
 def test_padding_is_invisible_and_opacities_exact_as_the_codec(tmp_path: Path, make_video: MakeVideo, qp: int) -> None:
     """Players draw nothing below 1/255. A codec's quantizer with the step s has an error of s / sqrt(12)."""
@@ -135,81 +120,3 @@ def test_names_and_constant_channels(tmp_path: Path, make_video: MakeVideo) -> N
         export_videogs(video, tmp_path / "new", qp=52)
     with refuses("export.already_exists", file=tmp_path / "out"):
         export_videogs(video, tmp_path / "out")
-
-
-@pytest.fixture
-def exported(tmp_path: Path, make_video: MakeVideo) -> Path:
-    export_videogs(make_video((3, 2)), tmp_path / "out", qp=0)
-    return tmp_path / "out"
-
-
-def test_frames_called_by_their_names_as_the_released_baker_does(exported: Path) -> None:
-    expected = [frame.means for frame in open_videogs(exported)]
-    info = json.loads((exported / "group_info.json").read_text())
-    for entry in info.values():
-        entry["name_index"] = [number + 3 for number in entry["frame_index"]]
-    (exported / "group_info.json").write_text(json.dumps(info))
-    table = json.loads((exported / "viewer_min_max.json").read_text())
-    (exported / "viewer_min_max.json").write_text(json.dumps({str(int(k) + 3): v for k, v in table.items()}))
-    for found, meant in zip(open_videogs(exported), expected, strict=True):
-        assert torch.equal(found.means, meant)
-
-
-def test_limited_range_video_is_scaled_to_the_full_one(exported: Path) -> None:
-    """Limited range, as the released baker encodes: within two levels of full range."""
-    before = open_videogs(exported).read(0)
-    path = exported / "group0" / "12.mp4"  # opacity
-    with av.open(str(path)) as file:
-        pictures = [frame.to_ndarray()[: frame.height] for frame in file.decode(video=0)]
-    with av.open(str(path), "w") as out:
-        stream = out.add_stream("libx264", rate=30, options={"qp": "0"})
-        stream.width, stream.height, stream.pix_fmt = pictures[0].shape[1], pictures[0].shape[0], "yuv420p"
-        for picture in pictures:
-            limited = np.full((picture.shape[0] * 3 // 2, picture.shape[1]), 128, np.uint8)
-            limited[: picture.shape[0]] = np.rint(16 + picture * (219 / 255))
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(limited, format="yuv420p")))
-        out.mux(stream.encode())
-    after = open_videogs(exported).read(0)
-    span = float(before.opacities.max() - before.opacities.min())
-    assert (after.opacities - before.opacities).abs().max() <= 2 / 255 * span
-
-
-def test_damaged_layouts(exported: Path, tmp_path: Path) -> None:
-    groups, frames = "group_info.json", "viewer_min_max.json"
-    two = {"frame": "2", "name": "info"}
-    too_small = {"file": exported / "group0" / "0.mp4", "frame": 2, "expected": 10**6}
-    cases = [
-        (groups, lambda v: v["1"].update(frame_index=[4, 4]), "invalid_group",
-         {"group": 1, "value": (4, 4), "expected": 3}),
-        (groups, lambda v: v["1"].update(frame_index=[3, 10**9]), "invalid_group", {"group": 1, "value": (3, 10**9)}),
-        (groups, lambda v: v.pop("0"), "invalid_group", {"group": 0}),
-        (frames, lambda v: v["2"].update(num=10**9), "invalid_frame", {"frame": "2", "name": "num", "value": 10**9}),
-        (frames, lambda v: v["2"]["info"].pop(), "invalid_frame", {**two, "value": None}),
-        (frames, lambda v: v["2"].update(info=[0, 1] * 5), "invalid_frame", {**two, "value": 10}),
-        (frames, lambda v: v["2"]["info"].__setitem__(0, 1e9), "invalid_frame", two),
-        (frames, lambda v: v.pop("4"), "missing_frame", {"frame": "4"}),
-        (frames, lambda v: v["2"].update(num=10**6), "picture_too_small", too_small),
-    ]  # fmt: skip
-    for name, edit, code, fields in cases:
-        path = exported / name
-        good = path.read_text()
-        values = json.loads(good)
-        edit(values)
-        path.write_text(json.dumps(values))
-        with refuses(f"videogs.{code}", **{"file": path, **fields}):
-            list(open_videogs(exported))
-        path.write_text(good)
-    video = exported / "group0" / "7.mp4"
-    data = video.read_bytes()
-    for wrong in (data[:200], b""):
-        video.write_bytes(wrong)
-        with refuses("videogs.video_unreadable", file=video):
-            open_videogs(exported).read(1)
-    video.unlink()
-    with refuses("videogs.file_missing", file=video):
-        open_videogs(exported).read(1)
-    video.write_bytes((exported / "group1" / "7.mp4").read_bytes())  # two frames instead of three
-    with refuses("videogs.video_too_short", file=video):
-        open_videogs(exported).read(2)
-    with refuses("videogs.file_missing", file=tmp_path / "group_info.json"):
-        open_videogs(tmp_path)
