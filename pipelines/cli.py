@@ -40,7 +40,7 @@ from v3studio.studio.process import as_utf8, claim_stdout, discard, forget_worki
 GROUPS = {  # commands, in the order of `v3studio --help`
     "Make a stream from footage": ("init", "estimate", "run", "status", "cancel", "queue", "config", "completion"),
     "Stages": STAGE_NAMES,
-    "Prepare a capture": ("board", "sync", "colors", "models", "models get"),
+    "Prepare a capture": ("board", "sync", "models", "models get"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
     "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
     "Research": ("compare",),

@@ -1,4 +1,4 @@
-"""`v3studio board`, `sync` and `colors`: preparing a capture."""
+"""`v3studio board` and `sync`: preparing a capture."""
 
 import argparse
 from contextlib import closing
@@ -40,20 +40,6 @@ def register(commands: Any) -> None:
         help="what to compare (default: auto, which is sound or else motion)",
     )
     sync.add_argument("--seconds", type=float, default=1.0, metavar="S", help="largest offset in seconds (default: 1)")
-
-    more = (
-        "Finds a ColorChecker Classic (24 patches) in the image of each camera, and shows how far the cameras' colors "
-        "are apart before and after the correction that train.camera_colors makes."
-    )
-    colors = add_command(commands, "colors", "compare the cameras' colors on a ColorChecker", _colors, more)
-    add_source(colors)
-    colors.add_argument(
-        "--chart-frame",
-        type=int,
-        required=True,
-        metavar="N",
-        help="frame in which the cameras see the chart, as numbered in the files",
-    )
 
 
 def _board(arguments: argparse.Namespace) -> None:
@@ -118,26 +104,3 @@ def _sync(arguments: argparse.Namespace) -> None:
     elif report.whole:
         words = ", ".join(f"{name}: {offset}" for name, offset in report.whole.items())
         say(f"capture: {{offsets: {{{words}}}}}")
-
-
-def _colors(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.commands.common.working import working
-    from v3studio.studio.footage import open_footage
-    from v3studio.studio.footage.color_chart import fit_chart_colors
-
-    capture = read_settings(arguments.source, arguments.overrides).capture
-    footage = open_footage(capture.replace(masks="none", audio=None), None, strict=False)
-    with closing(footage), working("colors", arguments) as progress:
-        fit = fit_chart_colors(footage, arguments.chart_frame, footage.train_cameras, progress)
-    settings = {"train": {"camera_colors": fit.frame}}
-    without = {name: error.problem for name, error in fit.without.items()}
-    figures = {"before": fit.before, "after": fit.after, "without": without, "patches": fit.patches}
-    arguments.result = {**figures, **settings}
-    for name in footage.train_cameras:
-        if name in fit.matrices:
-            before, after = fit.before[name], fit.after[name]
-            print_text(arguments, f"{name}: found, {before:.1f} levels of 255 from the mean camera, {after:.1f} after")
-        else:
-            print_text(arguments, f"{name}: {without[name]}; not corrected")
-    corrected = f"{len(fit.matrices)} of {len(footage.train_cameras)} cameras, {fit.patches} of 24 patches"
-    print_text(arguments, f"{corrected}. To correct them:\ntrain: {{camera_colors: {fit.frame}}}")

@@ -1,11 +1,11 @@
 """Settings of training. Defaults are the paper's values where it gives one, unless the field says otherwise."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
+from pydantic import Field
 
 from v3studio.studio.dilation import DILATION, MAX_DILATION, MIN_DILATION
-from v3studio.studio.settings import Affects, Conflict, Empty, Heading, Settings
+from v3studio.studio.settings import Affects, Empty, Heading, Settings
 
 GROUP_SIZE = 30
 """Frames per group at most. The paper has 20."""
@@ -96,17 +96,11 @@ class TrainSettings(Settings):
     refine_masks: auto refines; none in others. none: no subsampling. Only for videos that are used at full size and
     without lens distortion."""
 
-    camera_colors: Annotated[
-        Literal["splats"] | Annotated[int, Field(ge=0, strict=True)] | None,
-        Heading("Colors of cameras"),
-        Empty("not corrected"),
-    ] = None
+    camera_colors: Annotated[Literal["splats"] | None, Heading("Colors of cameras"), Empty("not corrected")] = None
     """Correct differences in color between cameras: a 3x4 matrix (with exposure) per camera, constant in a take, fitted
-    before training and stored in train/camera_colors.json. The stream has the colors of the mean camera. For rigs whose
-    cameras differ in exposure, white balance or model. splats: fitted to splats of the first keyframe. A number: fitted
-    to the patches of a ColorChecker Classic (24 patches) that the cameras see in this frame of the footage, which may
-    be outside of capture.frames; cameras that do not see it are not corrected, and `v3studio colors` shows the result.
-    null: no correction."""
+    before training to splats of the first keyframe (splats) and stored in train/camera_colors.json. The stream has the
+    colors of the mean camera. For rigs whose cameras differ in exposure, white balance or model. null: no
+    correction."""
 
     refine_cameras: Annotated[Literal["auto", "always", "never"], Heading("Refined cameras")] = "auto"
     """Refine the cameras together with the splats of the first keyframe: pose, principal point, focal length and one
@@ -197,14 +191,6 @@ class TrainSettings(Settings):
 
     rates: LearningRates = LearningRates()
     """Learning rates of the splats."""
-
-    @field_validator("camera_colors", mode="wrap")
-    @classmethod
-    def _splats_or_frame(cls, value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-        try:
-            return check(value)
-        except ValidationError:  # one message instead of one per alternative type
-            raise Conflict("must be splats, the number of a frame with a ColorChecker, or null") from None
 
     def motion_steps(self, first: bool) -> int:
         """Steps of the motion network for a frame; `first`: it is the first one after the keyframe."""

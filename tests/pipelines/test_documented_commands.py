@@ -33,7 +33,7 @@ NOT_HERE = {
     "an address": r".*(s3|gs|az)://",
     "a cluster": r".*run\.executor ray",
     "trains for long; has its own test": r"estimate |bake .*--ladder( |$)",
-    "needs other footage; has its own test": r"sync |colors |.*\.audio |.*--protocol hifi4g",
+    "needs other footage; has its own test": r"sync |.*\.audio |.*--protocol hifi4g",
     "acts on a run in progress; has its own test": r".*--detach|cancel |queue (run|move|retry|stop)",
 }
 """Why a command does not run, and the pattern of such commands."""

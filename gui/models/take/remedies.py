@@ -32,7 +32,6 @@ REMEDIES: Mapping[str, str] = {  # the setting that fixes a warning, by its code
     "rig.doubtful": "capture.cameras",
     "hull.outlier_mask": "capture.mask_sensitivity",
     "training.no_camera_color": "capture.frames",
-    "training.no_color_chart": "train.camera_colors",
     "training.slow": "capture.scale",
 }
 

@@ -1,8 +1,6 @@
 """The color differences between the cameras of a take, fitted once before its groups are trained."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 from v3studio.pipelines.stages.params import derived_seed
 from v3studio.pipelines.stages.reporter import StageReporter
@@ -11,7 +9,6 @@ from v3studio.pipelines.stages.training.plan import TrainPlan
 from v3studio.pipelines.stages.training.views import ViewReader
 from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.results.stage_files import CameraColors
-from v3studio.pipelines.takes.take import Take
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Message
 
@@ -20,43 +17,9 @@ _LARGE = 13.0  # levels of 255 from the mean camera from which on a camera is na
 
 def ensure_camera_colors(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
     """Fit the matrices unless they are there; any worker gives the same bytes. Raises StudioError."""
-    chosen = plan.settings.camera_colors
-    if isinstance(chosen, int):
-        fit = partial(_fit_to_chart, plan, reporter, key, chosen)
-    else:
-        check_first_points(plan.take, "the colors of the cameras are fitted to")
-        fit = partial(_fit_to_splats, plan, reporter, key)
+    check_first_points(plan.take, "the colors of the cameras are fitted to")
+    fit = partial(_fit_to_splats, plan, reporter, key)
     ensure_fitted(plan, reporter, plan.take.camera_colors, CameraColors, key, fit)
-
-
-def _fit_to_chart(plan: TrainPlan, reporter: StageReporter, key: str, frame: int) -> None:
-    from v3studio.studio.footage.color_chart import fit_chart_colors, reasons
-
-    footage = plan.footage
-    searching = reporter.counting("colors of cameras: chart in image")
-    fit = fit_chart_colors(footage, frame, footage.train_cameras, searching)
-    _write(plan.take, key, frame, fit.matrices)
-    for name in fit.matrices:
-        reporter.log(
-            f"colors of {name}: {fit.before[name]:.1f} levels of 255 from the mean camera on the chart, "
-            f"{fit.after[name]:.1f} after the correction"
-        )
-    if fit.without:
-        problem = f"the colors of {', '.join(fit.without)} are not corrected: in frame {frame}, {reasons(fit.without)}"
-        fix = "Choose a frame in which all cameras see the ColorChecker, or leave these cameras out."
-        fields = {"cameras": tuple(fit.without), "frame": frame, "setting": "train.camera_colors"}
-        reporter.warn(Message("training.no_color_chart", problem, fix=fix, fields=fields))
-
-
-def _write(take: Take, key: str, frame: int, matrices: Mapping[str, Any]) -> CameraColors:
-    colors = CameraColors(
-        key=key,
-        frame=int(frame),
-        cameras={name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()},
-    )
-    take.forget("train")
-    write_model(take.camera_colors, colors)
-    return colors
 
 
 def _fit_to_splats(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
@@ -68,7 +31,10 @@ def _fit_to_splats(plan: TrainPlan, reporter: StageReporter, key: str) -> None:
     points, seed = initial_points(plan.take, group, reader.device), derived_seed(plan.seed, "camera colors")
     matrices = fit_camera_colors(views, *points, plan.settings, seed=seed, progress=fitting)
     names = [view.camera.name for view in views]
-    colors = _write(plan.take, key, group.keyframe, dict(zip(names, matrices, strict=True)))
+    rows = {name: tuple(map(tuple, matrix.tolist())) for name, matrix in zip(names, matrices, strict=True)}
+    colors = CameraColors(key=key, frame=int(group.keyframe), cameras=rows)
+    plan.take.forget("train")
+    write_model(plan.take.camera_colors, colors)
     _log_differences(reporter, colors)
     without = [name for name in reader.footage.train_cameras if name not in names]
     if without:
