@@ -1,7 +1,6 @@
 """Playback of streams: threads that fetch, decode and dequantize; sound."""
 
 from v3studio.studio.playback.headless import play_headless
-from v3studio.studio.playback.rate_rule import RateRule
 from v3studio.studio.playback.sound_player import SoundDevice, SoundPlayer
 from v3studio.studio.playback.statistics import PlaybackReport, SkippedGroup
 from v3studio.studio.playback.stream_frames import LeftOut, PlayedFrame, StreamFrames
@@ -10,7 +9,6 @@ __all__ = [
     "LeftOut",
     "PlaybackReport",
     "PlayedFrame",
-    "RateRule",
     "SkippedGroup",
     "SoundDevice",
     "SoundPlayer",

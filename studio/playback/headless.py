@@ -9,7 +9,6 @@ from pathlib import Path
 
 from v3studio.studio.errors import StudioError
 from v3studio.studio.playback.follow import following
-from v3studio.studio.playback.rate_rule import RateRule
 from v3studio.studio.playback.statistics import FrameStats, PlaybackReport
 from v3studio.studio.playback.stream_frames import LeftOut, PlayedFrame, StreamFrames, nothing_playable
 from v3studio.studio.stream import Source, StreamReader
@@ -51,14 +50,10 @@ def play_headless(
         reader.index.group_of(start_frame)  # an error if there is no such frame
         end = sys.maxsize if reader.live else reader.frame_count
         stop = end if frame_limit is None else min(end, start_frame + frame_limit)
-        rates = [rendition.bandwidth for rendition in reader.manifest.renditions]
-        rule = RateRule(rates) if reader.source.parallel > 1 and len(rates) > 1 else None
         stats: list[FrameStats] = []
         began = time.perf_counter()
-        with following(reader) as lost, closing(StreamFrames(reader, rule=rule)) as frames:
-            for item, dropped in _in_order(frames, reader, start_frame, realtime, lost):
-                if rule is not None:
-                    rule.played(item.fetched.rendition, 1, dropped)
+        with following(reader) as lost, closing(StreamFrames(reader)) as frames:
+            for item in _in_order(frames, reader, start_frame, realtime, lost):
                 if item.frame >= stop:
                     break
                 figures = item.stats
@@ -78,8 +73,8 @@ def play_headless(
 
 def _in_order(
     frames: StreamFrames, reader: StreamReader, start: int, realtime: bool, lost: Sequence[StudioError]
-) -> Iterator[tuple[PlayedFrame, int]]:
-    """The frames to show, to the end or an error, each with the number of those dropped before it.
+) -> Iterator[PlayedFrame]:
+    """The frames to show, to the end or an error.
 
     The clock starts when the first frame is ready. It waits for slow fetches (a slow network, a server restart) and for
     the next group of a live stream: they cost time, not frames.
@@ -110,7 +105,7 @@ def _in_order(
         starved = item.fetched.seconds > STARVED_AFTER and item.fetched.at > asked
         if realtime and (clock is None or starved):
             clock = (item.frame, time.monotonic())
-        yield item, item.frame - shown - 1
+        yield item
         shown, played = item.frame, True
     if lost:
         raise lost[0]

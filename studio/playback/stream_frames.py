@@ -10,15 +10,14 @@ from typing import Any
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.memory_cache import MemoryCache
-from v3studio.studio.playback.rate_rule import RateRule
 from v3studio.studio.playback.statistics import FrameStats, SkippedGroup
 from v3studio.studio.stream import DecodedFrame, GroupDecoder, Rendition, SourceUnavailable, StreamReader
 
 AHEAD = 4  # frames that are decoded after the wanted one
 RETRY_SECONDS = 10.0  # seconds before a damaged group is tried again: it may have been fixed or uploaded
 
+_GROUPS_AHEAD = 1  # that are fetched
 _KEPT_GROUPS = 6  # groups whose files are kept besides those fetched ahead, so that scrubbing does not fetch them again
-_MOST_GROUPS = 64  # fetched ahead
 _JOIN_SECONDS = 1.0  # after this time, a hanging fetch is abandoned; its thread ends with the network timeout
 
 
@@ -31,11 +30,9 @@ class LeftOut(StudioError):
 
 @dataclass(frozen=True)
 class Fetched:
-    """A group and its files. `rendition`: its position in the manifest; `seconds`: time it took to fetch them; `at`:
-    when that was done, by `time.monotonic`."""
+    """A group and its files. `seconds`: time it took to fetch them; `at`: when that was done, by `time.monotonic`."""
 
     group: Rendition
-    rendition: int
     files: dict[str, bytes]
     seconds: float
     at: float
@@ -65,11 +62,11 @@ def bytes_of(gaussians: Gaussians) -> int:
 
 
 class StreamFrames:
-    """Frames in any order. Those after the wanted one, and the next groups, are made ahead. Call `close` in the end,
+    """Frames in any order. Those after the wanted one, and the next group, are made ahead. Call `close` in the end,
     after ending the reads of a reader of one's own.
 
-    `kept`: bytes of frames that are kept, besides a few; `loop`: whether the first frame follows the last; `rule`:
-    changes renditions, None: the reader's is kept; `finish`: a last step for each frame, on the third thread.
+    `kept`: bytes of frames that are kept, besides a few; `loop`: whether the first frame follows the last; `finish`: a
+    last step for each frame, on the third thread.
     """
 
     def __init__(
@@ -77,17 +74,12 @@ class StreamFrames:
         reader: StreamReader,
         kept: int = 0,
         loop: bool = False,
-        rule: RateRule | None = None,
         finish: Callable[[Gaussians], Gaussians] = lambda gaussians: gaussians,
     ) -> None:
-        self._reader, self._loop, self._rule, self._finish = reader, loop, rule, finish
-        self._groups_ahead = 1
-        if rule is not None:  # as many as its buffer holds
-            seconds = reader.frame_count / reader.fps / len(reader.index)
-            self._groups_ahead = min(max(round(rule.target / seconds), 1), _MOST_GROUPS)
+        self._reader, self._loop, self._finish = reader, loop, finish
         self._changed = threading.Condition()
         self._wanted: tuple[int, int] | None = None  # see `get`
-        self._files: MemoryCache[int, Fetched] = MemoryCache(_KEPT_GROUPS + self._groups_ahead)  # by group
+        self._files: MemoryCache[int, Fetched] = MemoryCache(_KEPT_GROUPS + _GROUPS_AHEAD)  # by group
         self._decoder: GroupDecoder | None = None
         self._decoded: deque[_Decoded] = deque()
         self._decoded_until = 0  # frame after the last decoded one
@@ -180,7 +172,7 @@ class StreamFrames:
             return None
         index = self._reader.index
         first = index.group_of(self._first(*self._wanted))
-        for number in range(first, first + 1 + self._groups_ahead):
+        for number in range(first, first + 1 + _GROUPS_AHEAD):
             group = number % len(index) if self._loop else number
             if group >= len(index):
                 return None
@@ -192,12 +184,7 @@ class StreamFrames:
         index, began = self._reader.index, time.monotonic()
         first, stop = index.starts[number], (*index.starts, index.manifest.frame_count)[number + 1]
         try:
-            if self._rule is None:
-                rendition, group = 0, self._reader.group(number)
-            else:
-                _, shown = self._wanted or (0, -1)
-                rendition = self._rule.choose(max(first - 1 - shown, 0) / self._reader.fps)
-                group = index.group(number).renditions[rendition]
+            group = self._reader.group(number)
             files = self._reader.fetch(group)
         except Exception as error:
             self._unavailable = self._unavailable + 1 if isinstance(error, SourceUnavailable) else 0
@@ -205,12 +192,10 @@ class StreamFrames:
             return
         self._unavailable = 0
         now = time.monotonic()
-        if self._rule is not None:
-            self._rule.fetched(group.bytes, now - began)
         with self._changed:
             if number in self._failed and self._failed[number][1] is None:
                 del self._failed[number]
-            self._files.put(number, Fetched(group, rendition, files, now - began, now))
+            self._files.put(number, Fetched(group, files, now - began, now))
 
     def _missing(self) -> Iterator[int]:
         """The frames to decode, in order. Late ones are decoded on the way to the wanted one, but not once it is past

@@ -4,7 +4,6 @@ PYTHONPATH=. python tests/web/write_fixtures.py FOLDER
 """
 
 import json
-import random
 import shutil
 import struct
 import sys
@@ -17,23 +16,6 @@ from unittest import mock
 import av
 import numpy as np
 import support
-
-from v3studio.studio.playback import RateRule
-
-
-def rule_steps() -> dict[str, Any]:
-    """The choices of `RateRule` on a network that wanders: [seconds buffered, bytes, seconds, choice] per group."""
-    rates = [8_000_000, 4_000_000, 2_000_000, 500_000]
-    rule, rng, buffered, rate, steps = RateRule(rates), random.Random(4), 0.0, 3e6, []
-    for _ in range(200):
-        choice = rule.choose(buffered)
-        size = rates[choice] // 24
-        seconds = 0.06 + 8 * size / rate
-        rule.fetched(size, seconds)
-        steps.append([buffered, size, seconds, choice])
-        buffered = min(max(buffered + 1 / 3 - seconds, 0.0), rule.target)
-        rate = min(max(rate * rng.uniform(0.7, 1.42), 3e5), 3e7)
-    return {"rates": rates, "steps": steps}
 
 
 def video_index(path: Path) -> dict[str, Any]:
@@ -94,7 +76,7 @@ def main(folder: Path) -> None:
         (folder / "page.json").write_bytes((ladder / json.loads(manifest)["pages"][0]["path"]).read_bytes())
         np.stack(support.luma(ladder, 0)).tofile(folder / "ladder.luma")
     write_archives(folder)
-    (folder / "rule.json").write_text(json.dumps(rule_steps()))
+    shutil.copy(Path(__file__).parents[1] / "data" / "rate_rule.json", folder / "rule.json")
     tiles = [(16, 256), (16, 7), (48, 2304), (80, 6001), (176, 30976), (1040, 1_081_600)]
     orders = {f"{tile} {count}": support.morton_pixels(tile, count) for tile, count in tiles}
     sums = {key: [sum(pixels), *pixels[:50], *pixels[-50:]] for key, pixels in orders.items()}

@@ -313,7 +313,7 @@ void test("CRC-32 is that of zlib, and of the luma that Python decodes", () => {
     assert.equal(crc32(luma.subarray(picture * size, (picture + 1) * size)), wanted);
 });
 
-void test("renditions are chosen as Python's rule chooses them", () => {
+void test("renditions are chosen as another implementation of the rule chose them, on a network that wanders", () => {
   const { rates, steps } = json("rule.json") as { rates: number[]; steps: [number, number, number, number][] };
   const rule = new RateRule(rates);
   for (const [buffered, bytes, seconds, wanted] of steps) {

@@ -8,7 +8,7 @@ import pytest
 from tests.support.streams import video_file
 from tests.support.waiting import wait_until
 from v3studio.studio.errors import StudioError
-from v3studio.studio.playback import LeftOut, RateRule, StreamFrames, stream_frames
+from v3studio.studio.playback import LeftOut, StreamFrames, stream_frames
 from v3studio.studio.stream import DecodedFrame, GroupDecoder, StreamReader
 
 
@@ -63,13 +63,11 @@ def test_all_is_fetched_and_decoded_once_for_a_slow_viewer(long_stream: Path, mo
         work = getattr(StreamFrames, name)
         noted = lambda self, job, name=name, work=work: made.append((name, job)) or work(self, job)  # noqa: E731
         monkeypatch.setattr(StreamFrames, name, noted)
-    rule = RateRule([1])
-    with StreamReader.open(long_stream) as reader:
-        rule.target = 2 * 14 / reader.fps  # two groups
-        with closing(StreamFrames(reader, rule=rule)) as frames:
-            for wanted in range(84):
-                frames.get(wanted)
-                ahead = range(wanted, min(wanted + stream_frames.AHEAD + 1, 84))
-                wait_until("ahead", lambda last=ahead[-1]: last in [job[0] for name, job in made if name == "_decode"])
+    monkeypatch.setattr(stream_frames, "_GROUPS_AHEAD", 2)
+    with StreamReader.open(long_stream) as reader, closing(StreamFrames(reader)) as frames:
+        for wanted in range(84):
+            frames.get(wanted)
+            ahead = range(wanted, min(wanted + stream_frames.AHEAD + 1, 84))
+            wait_until("ahead", lambda last=ahead[-1]: last in [job[0] for name, job in made if name == "_decode"])
     assert [job for name, job in made if name == "_fetch"] == list(range(6))
     assert [job[0] for name, job in made if name == "_decode"] == list(range(84))

@@ -1,5 +1,9 @@
-/** The choice of the rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs. The same as
- * studio/playback/rate_rule.py, which names its sources (BOLA, dash.js). */
+/** The choice of the rendition to fetch next: a buffer-based rule with throughput and dropped frames as further inputs.
+ *
+ * It is BOLA-BASIC (Spiteri, Urgaonkar and Sitaraman, "BOLA: Near-Optimal Bitrate Adaptation for Online Videos", INFOCOM 2016)
+ * with the parameters that dash.js chooses (its BolaRule; seconds of buffer are fewer here, since groups are short), the paper's
+ * BOLA-O against oscillation, and dash.js's DroppedFramesRule. Until the buffer has reached the level at which BOLA takes what the
+ * throughput allows, throughput alone decides. */
 
 const MINIMUM = 4; // seconds of buffer
 const SAMPLES = 5;
