@@ -9,7 +9,7 @@ parts:
     kernels      time until the first image is rendered, including compilation; at most four minutes
     tests        the tests that need a CUDA device
     training kernels
-                 image loss, loss on coded values, and motion field: the kernels against their definitions in PyTorch,
+                 image loss and loss on coded values: the kernels against their definitions in PyTorch,
                  errors of values and gradients relative to the definition in float64, and milliseconds of both passes
     rasterizer   forward and backward pass, milliseconds
     group        a take of six frames of the sample with the default settings, which are the paper's schedule: the
@@ -62,9 +62,7 @@ from v3studio.studio.footage import Footage
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.training import interframe_steps
 from v3studio.studio.training.coded_loss import CodedLoss
-from v3studio.studio.training.hashgrid import Corners, HashGrid
 from v3studio.studio.training.joint import joint_steps
-from v3studio.studio.training.motion import MotionField
 from v3studio.studio.training.photometric import photometric_loss, photometric_loss_torch
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -242,15 +240,6 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
     image = target + 0.2 * torch.randn(target.shape, generator=random)
     before = torch.randn(count, 14, generator=random) * 20
     now = before + torch.randn(before.shape, generator=random) * 2
-    means = torch.rand(count, 3, generator=random)
-
-    def field_with(generator: torch.Generator) -> MotionField:
-        grid = HashGrid(2 if dry else 16, log2_size=8 if dry else 15, generator=generator)
-        return MotionField(means.amin(0), means.amax(0), grid, 64, 2, generator)
-
-    initial = field_with(random)
-    corners = initial.corners(means)
-    weights = {name: torch.randn(value.shape, generator=random) * 0.3 for name, value in initial.named_parameters()}
 
     def picture(dtype: torch.dtype, device: str) -> Computation:
         leaf, other = image.to(device, dtype).requires_grad_(), target.to(device, dtype)
@@ -263,13 +252,7 @@ def training_cases(dry: bool) -> dict[str, Callable[[torch.dtype, str], Computat
         leaf = now.to(device, dtype).requires_grad_()
         return lambda: loss(leaf, 7)[0], lambda: loss.forward_torch(leaf, 7)[0], [leaf, *loss.parameters()]
 
-    def motion(dtype: torch.dtype, device: str) -> Computation:
-        field = field_with(torch.Generator()).to(device, dtype)
-        field.load_state_dict({name: value.to(device, dtype) for name, value in weights.items()}, strict=False)
-        here = Corners(corners.rows.to(device), corners.weights.to(device, dtype), corners.level_rows)
-        return lambda: field(here), lambda: field.forward_torch(here), list(field.parameters())
-
-    return {"image loss": picture, "coded loss": coded, "motion field": motion}
+    return {"image loss": picture, "coded loss": coded}
 
 
 def machine() -> Report:

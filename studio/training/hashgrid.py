@@ -1,61 +1,15 @@
 """Multiresolution hash encoding (paper equation 5; Mueller et al. 2022, section 3) in plain PyTorch, CPU and CUDA.
 
 The encoded positions are fixed during the motion stage of a frame, so the table rows that each position reads and their
-trilinear weights are computed once. On the CPU, `motion.py` evaluates grid and MLP with one kernel instead, and on an
-NVIDIA GPU with the kernels of `triton/field.py`.
+trilinear weights are computed once. On the CPU, `motion.py` evaluates grid and MLP with one kernel instead.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor, nn
 
 _PRIMES = (1, 2_654_435_761, 805_459_861)
-
-
-PIECE = 64  # most numbers that one piece of a sum adds, see `pieces_of`
-
-
-@dataclass(frozen=True)
-class Passes:
-    """A plan for summing the gradients of each row of the table, over all positions that read the row, in pieces of a
-    fixed size: their order and the work of each piece do not depend on how many positions read a row.
-
-    Attributes:
-        readers: (8 N L,) int32: n * L + l for each corner of position n at level l, ordered by the corner's row.
-        weights: (8 N L,) trilinear weights, in the same order.
-        pieces: bounds for each pass; see `pieces_of`.
-    """
-
-    readers: Tensor
-    weights: Tensor
-    pieces: list[tuple[Tensor, Tensor]]
-
-
-def pieces_of(counts: Tensor) -> list[tuple[Tensor, Tensor]]:
-    """Plan how adjacent groups of numbers are summed, in pieces of at most `PIECE`.
-
-    The first pass adds the numbers of each piece, and each later pass those that the pass before it gave. A group of k
-    numbers is complete after log_64(k) passes, at least one, and the last pass gives one sum for each group.
-
-    Args:
-        counts: (G,) int64 sizes of the groups; may be 0.
-
-    Returns:
-        For each pass, (pieces,) int64 first number of each piece, and one past its last one.
-    """
-    passes = []
-    while True:
-        pieces = ((counts + PIECE - 1) // PIECE).clamp_min(1)  # an empty group has a piece, whose sum is 0
-        ends = counts.cumsum(0)
-        group = torch.repeat_interleave(pieces)
-        within = torch.arange(len(group), device=counts.device) - (pieces.cumsum(0) - pieces)[group]
-        begins = (ends - counts)[group] + within * PIECE
-        passes.append((begins, torch.minimum(begins + PIECE, ends[group])))
-        if len(group) == len(counts):
-            return passes
-        counts = pieces
 
 
 @dataclass(frozen=True)
@@ -70,14 +24,6 @@ class Corners:
     def positions(self) -> int:
         """N, the number of positions."""
         return self.rows.shape[1]
-
-    @cached_property
-    def passes(self) -> Passes:
-        """Plan how the gradients of each row are summed, in pieces for `triton/field.py`. Waits for the GPU."""
-        index, weight = (each.transpose(0, 1).reshape(-1) for each in (self.rows, self.weights))
-        order = torch.argsort(index, stable=True)
-        counts = torch.bincount(index, minlength=int(self.level_rows[-1]))
-        return Passes((order // 8).int(), weight[order], pieces_of(counts))
 
 
 class HashGrid(nn.Module):

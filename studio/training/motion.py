@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.rasterizer.cpu import kernel_threads
-from v3studio.studio.rasterizer.kernels import kernels_for, uses_triton
+from v3studio.studio.rasterizer.kernels import kernels_for
 from v3studio.studio.rasterizer.types import ALPHA_MIN
 from v3studio.studio.training.adam import Adam, ParameterGroup
 from v3studio.studio.training.hashgrid import Corners, HashGrid
@@ -117,15 +117,11 @@ class MotionField(nn.Module):
         return self.grid.corners((means - self._low) / self.side)
 
     def forward(self, corners: Corners) -> Tensor:
-        """(N, 3) translations in world units, by one kernel on the CPU, and several on an NVIDIA GPU with Triton."""
+        """(N, 3) translations in world units, by one kernel on the CPU."""
         table, parameters = self.grid.table, list(self.mlp.parameters())
         kernels = kernels_for(table, corners.weights)
         if kernels is not None:
             return _Fused.apply(kernels, corners, float(self.side), table, *parameters)  # type: ignore[no-untyped-call,no-any-return]
-        if uses_triton(table):
-            from v3studio.studio.training.triton.field import motion_field_triton
-
-            return motion_field_triton(corners, self.side, table, parameters)
         return self.forward_torch(corners)
 
     def forward_torch(self, corners: Corners) -> Tensor:

@@ -2,10 +2,9 @@
 
 import importlib
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 import torch
@@ -16,11 +15,8 @@ from tests.studio.training.test_motion import field_and_means
 from tests.support.triton import compile_kernels, needs_triton
 from v3studio.studio.rasterizer import kernels
 from v3studio.studio.training import photometric
-from v3studio.studio.training.hashgrid import PIECE, pieces_of
 from v3studio.studio.training.photometric import photometric_loss, photometric_loss_torch
 
-FIELD_NUMBERS = ("count", "length", "features", "columns", "reads", "gives", "pieces", "total")
-FIELD_NUMBERS += ("input_columns", "out_columns", "slope_columns")
 TYPES: dict[str, dict[str, str]] = {
     "loss": {**dict.fromkeys(("width", "height", "count"), "i32"), **dict.fromkeys(("of_l1", "of_ssim"), "fp32")},
     "coded": {
@@ -28,22 +24,11 @@ TYPES: dict[str, dict[str, str]] = {
         **dict.fromkeys(("bits_weight", "difference_weight"), "fp32"),
         "owner": "*i32",
     },
-    "field": {
-        **dict.fromkeys(FIELD_NUMBERS, "i32"),
-        **dict.fromkeys(("rows", "tiles", "readers"), "*i32"),
-        **dict.fromkeys(("begins", "ends"), "*i64"),
-    },
 }
 """Triton's types of the arguments that are not pointers to float32, by module."""
 KERNELS = {
     "loss": ("blur_rows_of_moments", "compare", "blur_rows", "combine"),
     "coded": ("coded_loss",),
-    "field": ("encode", "layer_forward", "layer_backward", "parameter_gradient", "sum_pieces"),
-}
-VARIANTS: dict[str, Sequence[Mapping[str, Any]]] = {
-    "layer_forward": [{"OUTPUTS": width, "LAST": last} for width, last in ((16, True), (64, False))],
-    "layer_backward": [{"INPUTS": width, "FIRST": first} for width, first in ((16, True), (64, False))],
-    "sum_pieces": [{"FEATURES": 4, "FIRST": first} for first in (True, False)],
 }
 
 
@@ -52,22 +37,7 @@ VARIANTS: dict[str, Sequence[Mapping[str, Any]]] = {
 def test_the_kernels_compile_for_a_gpu(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRITON_CACHE_DIR", str(tmp_path))
     module = importlib.import_module(f"v3studio.studio.training.triton.{name}")
-    compile_kernels(module, TYPES[name], dict.fromkeys(KERNELS[name], module.WARPS), 80, VARIANTS)
-
-
-@pytest.mark.parametrize(
-    "counts", [[0], [1, 0, 0, PIECE], [PIECE + 1, 3], [5 * PIECE**2 + 7, 0, PIECE, 1], [PIECE**2, PIECE**3 + 1]]
-)
-def test_pieces_add_each_number_once(counts: list[int]) -> None:
-    values = torch.rand(sum(counts), generator=torch.Generator().manual_seed(4), dtype=torch.float64)
-    expected = torch.stack([part.sum() for part in values.split(counts)])
-    passes = pieces_of(torch.tensor(counts))
-    for begins, ends in passes:
-        assert int((ends - begins).max()) <= PIECE
-        summed = torch.cat([values.new_zeros(1), values.cumsum(0)])
-        values = summed[ends] - summed[begins]
-    torch.testing.assert_close(values, expected, rtol=1e-9, atol=1e-9)
-    assert len(passes) == next(n for n in range(1, 9) if PIECE**n >= max(counts)), "no more passes than needed"
+    compile_kernels(module, TYPES[name], dict.fromkeys(KERNELS[name], module.WARPS), 80)
 
 
 class OnGpu(torch.nn.Parameter):
@@ -78,15 +48,14 @@ class OnGpu(torch.nn.Parameter):
 
 @pytest.mark.parametrize("backends", [("reference", "triton"), ("reference", "cuda")])
 @pytest.mark.parametrize(
-    ("name", "dtype"),
-    [("loss", torch.float32), ("coded", torch.float32), ("field", torch.float32), ("field", torch.float64)],
+    ("name", "dtype"), [("loss", torch.float32), ("coded", torch.float32), ("coded", torch.float64)]
 )
 def test_the_choice_on_a_gpu(
     name: str, dtype: torch.dtype, backends: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen = []
     by_triton, by_torch = (lambda *_, kernel=kernel: chosen.append(kernel) for kernel in ("triton", "torch"))
-    functions = ("photometric_loss_triton", "coded_loss_triton", "motion_field_triton")
+    functions = ("photometric_loss_triton", "coded_loss_triton")
     in_triton = SimpleNamespace(**dict.fromkeys(functions, by_triton))
     monkeypatch.setitem(sys.modules, f"v3studio.studio.training.triton.{name}", in_triton)
     monkeypatch.setattr(kernels, "available_backends", lambda: backends)
@@ -94,16 +63,10 @@ def test_the_choice_on_a_gpu(
         monkeypatch.setattr(photometric, "photometric_loss_torch", by_torch)
         image = torch.zeros(8, 9, 3).as_subclass(OnGpu)
         photometric_loss(image, image)
-    elif name == "coded":
+    else:
         coded_values, now = make(dtype, 5, 1.0, (0.3, 0.2))
         monkeypatch.setattr(coded_values, "forward_torch", by_torch)
         coded_values(now.as_subclass(OnGpu), 3)
-    else:
-        moving, means = field_and_means(dtype, 5, levels=2)
-        corners = moving.corners(means)
-        moving.grid.table = OnGpu(moving.grid.table.detach())
-        monkeypatch.setattr(moving, "forward_torch", by_torch)
-        moving(corners)
     assert chosen == ["triton" if "triton" in backends and dtype == torch.float32 else "torch"]
 
 
