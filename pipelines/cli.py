@@ -42,7 +42,7 @@ GROUPS = {  # commands, in the order of `v3studio --help`
     "Stages": STAGE_NAMES,
     "Prepare a capture": ("board", "sync", "models", "models get"),
     "Use streams and takes": ("open", "play", "serve", "share", "publish", "export", "import"),
-    "Manage takes": ("edit", "check", "bake list", "bake keep", "bake choose", "bake remove"),
+    "Manage takes": ("edit", "check", "bake list", "bake keep", "bake remove"),
     "Research": ("compare",),
 }
 

@@ -1,4 +1,4 @@
-"""`v3studio bake list`, `keep`, `choose` and `remove`: bakes of a take that are kept under names."""
+"""`v3studio bake list`, `keep` and `remove`: bakes of a take that are kept under names."""
 
 from __future__ import annotations
 
@@ -24,10 +24,6 @@ def register(commands: Any) -> None:
         "It becomes the folder TAKE/bakes/NAME, which can be played, exported, shared, and compared like a take.",
     )
     keep.add_argument("name", metavar="NAME", help="name of the bake, such as qp26")
-    choose = _command(
-        commands, "choose", "make a kept bake the take's stream again, with its settings and evaluation", _choose
-    )
-    choose.add_argument("name", metavar="NAME", help="name of the bake")
     remove = _command(commands, "remove", "delete kept bakes; the take's stream stays", _remove)
     remove.add_argument("name", nargs="+", metavar="NAME", help="name of the bake")
 
@@ -77,12 +73,6 @@ def _keep(arguments: argparse.Namespace) -> None:
         arguments.result = {"path": str(keep_bake(take, arguments.name).take.root.absolute())}
 
     _change(arguments, "keep", keep)
-
-
-def _choose(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.takes.results.kept_bakes import choose_bake
-
-    _change(arguments, "choose", lambda take: choose_bake(take, arguments.name))
 
 
 def _remove(arguments: argparse.Namespace) -> None:

@@ -114,7 +114,6 @@ def test_every_command_with_json_prints_json_only(
 
 SHORT = """
 bake keep take fine
-bake choose take fine
 bake remove take fine
 edit trim take 1:4
 edit undo take
@@ -144,7 +143,7 @@ def test_short_commands_have_a_result(copied: Path, here: Callable, monkeypatch:
         assert results[line], line
     assert results["edit undo take"]["trim"] is None
     assert results["edit redo take"]["trim"] == {"first": 1, "last": 3}
-    assert results["bake choose take fine"]["bakes"][0]["is_stream"]
+    assert results["bake keep take fine"]["bakes"][0]["is_stream"]
     assert results["bake remove take fine"]["bakes"] == []
     assert results["config bake --changed --bake.quality 30"] == {"settings": {"bake": {"quality": 30}}}
     assert results["board board.pdf"]["path"] == str(Path("board.pdf").absolute())

@@ -7,7 +7,6 @@ space until the take is baked again. Nothing in a take is changed in place, so l
 """
 
 import functools
-import os
 import re
 import unicodedata
 from dataclasses import dataclass
@@ -19,21 +18,13 @@ from pydantic import JsonValue, ValidationError
 from v3studio.pipelines.config.config import Config, values_of
 from v3studio.pipelines.config.loading import load_config
 from v3studio.pipelines.takes.authored.edits import EDITS_FORMAT, PREFIX, edit_params, read_edits
-from v3studio.pipelines.takes.files.settings_file import changed_text, set_settings
+from v3studio.pipelines.takes.files.settings_file import changed_text
 from v3studio.pipelines.takes.results.evaluation import read_evaluation
 from v3studio.pipelines.takes.results.integrity import kept_folders, refuse_damage
 from v3studio.pipelines.takes.results.records import StageRecord, read_record, result_of
 from v3studio.pipelines.takes.results.summaries import BakeSummary
 from v3studio.pipelines.takes.take import Take
-from v3studio.studio.atomic_files import (
-    PARTIAL,
-    atomic_path,
-    link_or_copy,
-    remove,
-    temporary_path,
-    write_json,
-    write_text,
-)
+from v3studio.studio.atomic_files import PARTIAL, atomic_path, link_or_copy, remove, write_json, write_text
 from v3studio.studio.counts import span
 from v3studio.studio.errors import StudioError
 from v3studio.studio.json_types import JsonData, JsonObject
@@ -266,47 +257,6 @@ def kept_bake(take: Take, name: str) -> KeptBake:
         fix = f"Kept are: {', '.join(by_name)}." if by_name else "`v3studio bake keep TAKE NAME` keeps the stream."
         raise StudioError("bakes.not_found", f"no bake is kept as '{name}'", file=take.root, value=name, fix=fix)
     return by_name[name]
-
-
-def choose_bake(take: Take, name: str) -> None:
-    """Make a kept bake the take's stream again, with its evaluation and those of its settings that training does not
-    depend on. The caller holds the lock. Players that read the stream meanwhile see the old one or the new one, as when
-    it is baked. StudioError: `bakes.not_found`, the kept bake is damaged (`take.damaged`), or settings are refused
-    (`settings.*`). OSError: a file cannot be written; the stream is then the old one."""
-    kept = kept_bake(take, name)
-    records = [kept.record, *_evaluation_of(kept.take, kept.record)]
-    for record in records:
-        refuse_damage(kept.take, record.stage, f"Remove it: `v3studio bake remove TAKE {name}`.")
-    load_config(take.config)
-    try:
-        load_config(take.config, kept.settings.items())
-    except StudioError as error:
-        problem = f"the bake was made with settings that this version or the take refuses ({error.problem})"
-        fix = f"Bake with other settings, and remove this one: `v3studio bake remove TAKE {name}`."
-        file = kept.take.record("bake")
-        raise StudioError(error.code, problem, file=file, value=error.value, fix=fix, **error.fields) from None
-    names = {name for record in records for name in record.files}
-    notes = kept.take.work("bake").glob("group_*.json")
-    private = [*notes, *(kept.take.record(record.stage) for record in records)]
-    # the manifest after the files that it names, the records last
-    order = sorted(names, key=lambda name: name == "stream/manifest.json")
-    order += [path.relative_to(kept.take.root).as_posix() for path in private]
-    staged = temporary_path(take.private / "chosen")
-    try:
-        for name in order:  # all that may need space, before anything changes
-            _link(kept.take.root / name, staged / name)
-        set_settings(take.config, kept.settings)
-        for record in records:  # an evaluation of another stream stays, and is stale
-            take.forget(record.stage)
-        remove(take.work("bake"))
-        for name in order:
-            (take.root / name).parent.mkdir(parents=True, exist_ok=True)
-            os.replace(staged / name, take.root / name)
-    finally:
-        remove(staged)
-    for path in take.stream.rglob("*"):
-        if path.is_file() and path.relative_to(take.root).as_posix() not in names:
-            remove(path)
 
 
 def remove_bake(take: Take, name: str) -> None:

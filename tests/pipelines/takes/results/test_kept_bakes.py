@@ -1,7 +1,5 @@
-import errno
 import json
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +13,7 @@ from v3studio.pipelines.stages import STAGE_NAMES
 from v3studio.pipelines.takes.authored.edits import read_edits
 from v3studio.pipelines.takes.files.settings_file import set_settings
 from v3studio.pipelines.takes.results.integrity import check_take
-from v3studio.pipelines.takes.results.kept_bakes import choose_bake, keep_bake, kept_bakes
+from v3studio.pipelines.takes.results.kept_bakes import keep_bake, kept_bakes
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.edits.edit_list import CropBox, EditList
 from v3studio.studio.stream import StreamReader
@@ -102,31 +100,9 @@ def test_check_names_damage_of_a_kept_bake(take: Take, here: Callable) -> None:
     assert f"damaged: {record.relative_to(take.root)} (" in here("check", take.root).fails().stdout
 
 
-def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
-    first, evaluation = contents(take.stream), take.evaluation.read_bytes()
+def test_kept_bakes_are_removed(take: Take, here: Callable) -> None:
+    first = contents(take.stream)
     here("bake", "keep", take.root, "fine").ok()
-    here("run", take.root, "--bake.quality", "40").ok()
-    assert contents(take.stream) != first
-    here("bake", "choose", take.root, "fin").fails()
-    text, record = take.config.read_text(), take.record("bake").read_bytes()
-    take.config.write_text(f"{text}\n  wrong: [")
-    here("bake", "choose", take.root, "fine").fails()
-    take.config.write_text(text)
-    assert take.record("bake").read_bytes() == record, "what is refused changes nothing"
-    here("bake", "choose", take.root, "fine").ok()
-    assert contents(take.stream) == first
-    assert take.evaluation.read_bytes() == evaluation
-    assert load_config(take.config).bake.quality == 22
-    here("status", take.root, "--check").ok()
-    assert check_take(take, STAGE_NAMES).damage == ()
-
-    here("bake", take.root, "--bake.quality", "40", "--keep", "unmeasured").ok()
-    here("bake", "choose", take.root, "fine").ok()
-    here("bake", "choose", take.root, "unmeasured").ok()
-    measured = here("status", take.root, "--json").result["stages"]["evaluate"]
-    assert (measured["state"], measured["reason"]) == ("stale", "the result of bake changed")
-    here("bake", "choose", take.root, "fine").ok()
-    here("bake", "remove", take.root, "unmeasured").ok()
     here("bake", "remove", take.root, "fine", "other").fails()
     assert [kept.name for kept in kept_bakes(take)] == ["fine"]
     here("bake", "remove", take.root, "fine").ok()
@@ -134,26 +110,8 @@ def test_a_kept_bake_is_chosen_and_removed(take: Take, here: Callable) -> None:
     assert contents(take.stream) == first
 
 
-def test_a_bake_that_cannot_be_chosen_leaves_the_stream_as_it_is(
-    take: Take, here: Callable, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    here("bake", "keep", take.root, "fine").ok()
-    here("run", take.root, "--bake.quality", "40").ok()
-    before = {path: path.read_bytes() for path in take.root.rglob("*") if path.is_file()}
-
-    def fails(source: str, target: str) -> None:
-        if Path(source).name == "report.html":
-            raise OSError(errno.ENOSPC, "no space")
-        shutil.copy2(source, target)
-
-    monkeypatch.setattr("v3studio.pipelines.takes.results.kept_bakes.link_or_copy", fails)
-    here("bake", "choose", take.root, "fine").fails()
-    after = {path: path.read_bytes() for path in take.root.rglob("*") if path.is_file()}
-    assert {path for path in before | after if before.get(path) != after.get(path)} == set()
-
-
-def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) -> None:
-    before, wav = load_config(take.config), write_wav(take.root / "a.wav", clicks(0.3, [0.08]))
+def test_settings_that_differ_from_those_of_a_kept_bake_are_named(take: Take, here: Callable) -> None:
+    wav = write_wav(take.root / "a.wav", clicks(0.3, [0.08]))
     assert "capture.frames" not in keep_bake(take, "silent").settings, "training depends on it"
     others = ("--capture.audio", wav, "--bake.attribute_qps", "{sh: 40}", "--evaluate.background", "1,1,1")
     measured = ("--capture.fps", "50", "--evaluate.crop_padding", "3")
@@ -162,13 +120,6 @@ def test_all_settings_of_a_kept_bake_are_restored(take: Take, here: Callable) ->
     rows = here("bake", "list", take.root, "--json").result["bakes"]
     assert {row["name"]: sorted(row["other_settings"]) for row in rows} == {"silent": changed, "loud": []}
     assert "evaluate.background" in here("bake", "list", take.root).stdout
-    here("bake", "choose", take.root, "silent").ok()
-    here("status", take.root, "--check").ok()
-    assert load_config(take.config) == before
-    here("bake", "choose", take.root, "loud").ok()
-    assert here("status", take.root, "--json").result["stages"]["bake"]["state"] == "done"
-    loud = load_config(take.config)
-    assert (loud.capture.audio, loud.capture.fps, loud.bake.attribute_qps) == (str(wav), 50, {"sh": 40})
 
 
 def test_a_bake_is_kept_with_the_settings_and_edits_that_it_was_made_with(take: Take, here: Callable) -> None:
@@ -191,31 +142,9 @@ def test_a_kept_bake_knows_that_training_saw_the_crop_box(take: Take) -> None:
     assert read_edits(keep_bake(take, "fine").take.edits) == EditList(crop=CropBox(**box, training=True))
 
 
-@pytest.mark.parametrize(("name", "value", "code"), [("quality", 99, "invalid"), ("removed", 1, "unknown")])
-def test_a_bake_with_settings_of_another_version_is_not_chosen(take: Take, name: str, value: int, code: str) -> None:
-    record = keep_bake(take, "fine").take.record("bake")
-    params = json.loads(record.read_bytes())
-    params["params"][f"bake.{name}"] = value
-    replace_file(record, json.dumps(params).encode())
-    before = contents(take.root)
-    with refuses(f"settings.{code}", file=record, setting=f"bake.{name}"):
-        choose_bake(take, "fine")
-    assert contents(take.root) == before
-
-
 def test_a_bake_is_current_if_all_that_it_was_made_from_is(take: Take) -> None:
     kept = keep_bake(take, "fine")
     assert kept.current
     params = {**kept.record.params, "result of calibrate": "of others"}  # fine-tuned renditions have cameras, too
     replace_file(kept.take.record("bake"), kept.record.model_copy(update={"params": params}).model_dump_json().encode())
     assert not kept_bakes(take)[0].current
-
-
-def test_a_damaged_bake_is_not_chosen(take: Take, here: Callable) -> None:
-    here("bake", "keep", take.root, "fine").ok()
-    here("bake", take.root, "--bake.quality", "40").ok()
-    now = contents(take.stream)
-    replace_file(next((take.bakes / "fine" / "stream" / "files").iterdir()), b"x")
-    with refuses("take.damaged"):
-        choose_bake(take, "fine")
-    assert contents(take.stream) == now
