@@ -7,19 +7,14 @@ and the other three in 10 bits each, color and opacity in 8 bits each. An elemen
 higher SH coefficient, from -4 to 4, red first, then green, then blue. Axes are those of other PLY files.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from plyfile import PlyData, PlyElement, PlyListProperty
 
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats.checks import check_count, damaged, from_arrays, logits, quats_of_three
 from v3studio.studio.gaussians import SH_C0, Gaussians
-
-if TYPE_CHECKING:
-    from plyfile import PlyData, PlyElement
 
 CHUNK = 256  # splats that share their ranges
 
@@ -116,8 +111,6 @@ def _levels(words: np.ndarray) -> np.ndarray:
 
 def _types(element: PlyElement) -> dict[str, str]:
     """NumPy type of each scalar property, without byte order."""
-    from plyfile import PlyListProperty
-
     return {
         prop.name: prop.val_dtype.lstrip("<>=|") for prop in element.properties if not isinstance(prop, PlyListProperty)
     }

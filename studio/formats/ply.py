@@ -7,22 +7,17 @@ Properties of other kinds of splats are those of the writers of Mip-Splatting, 2
 Scaffold-GS, Deformable Beta Splatting and GES.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats.checks import LEAST_SCALE, Note, check_count, from_arrays, logits, to_arrays
 from v3studio.studio.formats.compressed_ply import compressed_size, is_compressed, read_compressed, sh_degree
 from v3studio.studio.gaussians import Gaussians
-
-if TYPE_CHECKING:
-    from plyfile import PlyData, PlyElement
 
 _HEADER_BYTES = 1 << 20
 _SEVERAL = 100  # splats: of fewer, all values may be in a narrow range
@@ -50,8 +45,6 @@ _OTHERS = {
 def write(path: Path, gaussians: Gaussians, offset: np.ndarray | None = None) -> None:
     """Write a 3DGS PLY file of float32. `offset`, (3,) float64, is added to the positions, which are then doubles: far
     from zero, float32 has not enough digits."""
-    from plyfile import PlyData, PlyElement
-
     arrays = to_arrays(path, gaussians)
     count = len(gaussians)
     rest = arrays["sh"][:, 1:].transpose(0, 2, 1).reshape(count, -1)
@@ -163,8 +156,6 @@ def _filtered(log_scales: np.ndarray, opacities: np.ndarray, filters: np.ndarray
 
 def _opened(path: Path) -> PlyData:
     """The file, mapped into memory if it is binary."""
-    from plyfile import PlyData, PlyParseError
-
     try:
         with path.open("rb") as file:
             if re.search(rb"[\r\n]end_header[\r\n]", file.read(_HEADER_BYTES)) is None:
@@ -179,8 +170,6 @@ def _opened(path: Path) -> PlyData:
 
 def _vertices(path: Path, ply: PlyData, note: Note) -> PlyElement:
     """The element with the splats, with validated properties."""
-    from plyfile import PlyListProperty
-
     if "vertex" not in [element.name for element in ply.elements]:
         problem = "the PLY file has no element 'vertex'"
         fix = "Choose a file with splats."
