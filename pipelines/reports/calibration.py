@@ -62,8 +62,7 @@ def calibration_figures(report: CalibrationReport) -> dict[str, JsonData]:
 
 def calibration_warnings(report: CalibrationReport) -> Iterator[Message]:
     """Warnings about a calibration; codes `calibration.*`."""
-    from v3studio.studio.calibration.sfm.uncertainty import WEAK
-    from v3studio.studio.calibration.sfm.verdict import MISPLACED, TRUSTED
+    from v3studio.studio.calibration.sfm.verdict import MISPLACED, TRUSTED, WEAK
 
     yield from tie_warnings(report)
     mean = report.reprojection.mean

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from v3studio.studio.cameras import Camera, nearest_point_to_rays
@@ -28,8 +29,6 @@ _PLACES = (1, 2, 3, 5, 8)
 
 def outline(mask: np.ndarray) -> np.ndarray:
     """(N, 2) float64 corners of the convex hull of a mask (H, W) uint8, without its small areas; in pixels."""
-    import cv2
-
     inside = (mask > 127).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(inside)
     areas = stats[:, cv2.CC_STAT_AREA] * (np.arange(len(stats)) > 0)

@@ -7,6 +7,7 @@ data set's exporter copies it unchanged. The images are undistorted.
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from v3studio.studio.camera_files.common import check_expressible, read_csv, rigid_inverse, write_atomic
@@ -29,8 +30,6 @@ def read(file: CameraFile) -> Rig:
 
 
 def _camera(row: dict[str, str]) -> Camera:
-    import cv2
-
     value = {key: number(row, key, row["name"]) for key in COLUMNS[1:]}
     width, height = round(value["w"]), round(value["h"])
     turn, center = (np.array([value[key + axis] for axis in "xyz"]) for key in "rt")
@@ -42,8 +41,6 @@ def _camera(row: dict[str, str]) -> Camera:
 
 def write(rig: Rig, path: Path) -> None:
     """Write the cameras, atomically."""
-    import cv2
-
     lines = [",".join(COLUMNS)]
     for camera in rig:
         check_expressible(camera, "calibration.csv", 0)

@@ -8,6 +8,7 @@ EasyVolcap adds times, bounds and a color matrix, and `rdist_<name>` for fisheye
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from v3studio.studio.camera_files.common import check_expressible, need_both, no_cameras, write_atomic
@@ -47,8 +48,6 @@ def _spelling(key: str, camera: str) -> str:
 
 def write(rig: Rig, path: Path) -> None:
     """Write intri.yml and extri.yml, of which `path` is one, atomically."""
-    import cv2
-
     intrinsics = ["%YAML:1.0", "---", "names:", *(f'   - "{camera.name}"' for camera in rig)]
     pose = list(intrinsics)
     for camera in rig:

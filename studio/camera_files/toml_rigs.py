@@ -10,6 +10,7 @@ Cameras without a pose, or to `ignore`, are left out.
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from v3studio.studio.bounded_files import TextError, parse_toml
@@ -51,8 +52,6 @@ def _name(key: str, table: JsonObject, nested: bool) -> str:
 def write(rig: Rig, path: Path) -> None:
     """Write the format of Pose2Sim, or of Caliscope if the file is named camera_array*.toml."""
     import json
-
-    import cv2
 
     nested = path.name.lstrip(".").startswith("camera_array")
     lines = []

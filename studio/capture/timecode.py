@@ -10,6 +10,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import av
+
 from v3studio.studio.capture.media import open_media, video_stream
 from v3studio.studio.errors import StudioError, naming
 
@@ -59,8 +61,6 @@ def read_timecode(file: Path) -> Timecode | None:
     """The start timecode in a video's stream (with MOV and MP4, in its tmcd track), else in the file; None if there is
     none. StudioError: `footage.video_unreadable`, `sync.timecode_invalid`; or `sync.timecode_rate`: the
     track counts at another rate than the video's, as cameras do that count to 25 while they film 50 frames."""
-    import av
-
     try:
         with open_media(file) as container:
             video = video_stream(container)

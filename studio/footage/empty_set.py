@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from v3studio.studio.counts import counted
@@ -86,8 +87,6 @@ def outside(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.nda
 
 def filled(plate: np.ndarray) -> np.ndarray:
     """A plate as `FootageView.plate` whose colors are those nearby where it is not reliable."""
-    import cv2
-
     if plate.shape[2] == 3 or plate[..., 3].all():
         return plate
     small = reduced(plate, _HOLE_SIDE)

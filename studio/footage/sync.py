@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 
+import av
+import cv2
 import numpy as np
 
 from v3studio.studio.capture.media import open_media, start_of, video_stream
@@ -248,8 +250,6 @@ def _by_timecode(footage: Footage) -> SyncReport:
 
 def motion_signals(footage: Footage) -> dict[str, np.ndarray]:
     """Camera to (frames - 1,) square roots of the mean change between consecutive frames in gray levels."""
-    import cv2
-
     signals = {}
     for name in footage.camera_names:
         before, changes = None, []
@@ -275,8 +275,6 @@ def _videos(footage: Footage) -> dict[str, Path]:
 
 def sound_signal(file: Path) -> np.ndarray | None:
     """Increase of a video's loudness, (N,) at `SOUND_RATE` from the first video frame on; None without sound."""
-    import av
-
     try:
         with open_media(file) as container:
             if not container.streams.audio:

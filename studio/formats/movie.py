@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import torch
 
@@ -87,8 +88,6 @@ def _encoder(
     path: Path, width: int, height: int, fps: float, crf: int, sound: MovieSound | None
 ) -> Iterator[Callable[[np.ndarray], None]]:
     """A function that encodes the next image, (H, W, 3) uint8 RGB, as H.264, BT.709, limited range, with its sound."""
-    import av
-
     with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as out:
         rate = Fraction(fps).limit_denominator(1001)
         stream = out.add_stream("libx264", rate=rate)

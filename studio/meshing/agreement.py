@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import torch
 
@@ -87,8 +88,6 @@ def least_views(shapes: list[Silhouette]) -> int:
 def frame_that_fits(shapes: list[Silhouette], name: str, masks: Mapping[int, np.ndarray], min_views: int) -> int | None:
     """The frame whose mask of a camera, (H, W) uint8 of full or reduced size, fits the volume of the other cameras,
     though that in `shapes` does not; None if none contradicts them a third as much."""
-    import cv2
-
     index = next(index for index, shape in enumerate(shapes) if shape.camera.name == name)
     shape, least = shapes[index], max(2, min_views - 1)
     common = _common_volume(shapes, least)
@@ -156,8 +155,6 @@ def _agreed(accepting: torch.Tensor, views: torch.Tensor, least: int) -> torch.T
 
 def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: float, frame: int = 0) -> MaskVerdict:
     """A camera's `own` mask (h, w) against points of the others' volume."""
-    import cv2
-
     camera, mask = shape.camera, (own >= 128).astype(np.uint8)
     pixels, depth = shape.project(volume)
     column, row = pixels.floor().long().T
@@ -185,8 +182,6 @@ def _compare(shape: Silhouette, own: np.ndarray, volume: torch.Tensor, voxel: fl
 
 def _largest_box(area: np.ndarray, enlarged: float) -> tuple[int, int, int, int] | None:
     """The box of the largest connected part of an area (H, W) bool, in pixels of an image enlarged by that factor."""
-    import cv2
-
     count, _, stats, _ = cv2.connectedComponentsWithStats(area.astype(np.uint8), connectivity=8)
     if count == 1:
         return None

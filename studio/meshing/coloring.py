@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from v3studio.studio.cameras import Camera, FootageView
@@ -11,8 +12,6 @@ from v3studio.studio.progress import ProgressFn, no_progress
 
 def _bilinear(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """(N, ...) float32 bilinear samples of an image at pixels (N, 2), with the origin at the image corner."""
-    import cv2
-
     if len(pixels) == 0:  # which OpenCV refuses
         return np.zeros((0, *image.shape[2:]), np.float32)
     at = (pixels - 0.5).astype(np.float32)  # cv2's origin is the center of the first pixel

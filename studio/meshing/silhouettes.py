@@ -9,6 +9,7 @@ whether a ball of a given radius can touch the silhouette, which coarse-to-fine 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 
@@ -21,8 +22,6 @@ def signed_distance(mask: np.ndarray) -> np.ndarray:
     """Signed distance (H, W) float32 in pixels, positive inside, of every pixel center to the outline of a mask, (H, W)
     uint8, where it crosses one half. Without any foreground, all values are minus the image diagonal; without any
     background, plus the image diagonal."""
-    import cv2
-
     inside = (mask >= 128).astype(np.uint8)
     diagonal = float(np.hypot(*mask.shape))
     if not inside.any():
@@ -136,8 +135,6 @@ def votes(shapes: list[Silhouette], points: torch.Tensor, slack: float) -> tuple
 
 
 def _silhouette(camera: Camera, mask: np.ndarray, budget: float) -> Silhouette:
-    import cv2
-
     if not camera.is_pinhole:
         problem = f"Camera '{camera.name}' has lens distortion"
         fix = "Undistort its images before meshing."

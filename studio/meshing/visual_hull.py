@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
+import cv2
 import numpy as np
 import torch
 
@@ -149,8 +150,6 @@ def _compare(
     mesh: Mesh, shapes: list[Silhouette], tick: Tick
 ) -> tuple[list[np.ndarray], dict[str, float], dict[str, float]]:
     """Return per camera: uncovered foreground (h, w) bool, 1 - IoU, and the uncovered share of the mask."""
-    import cv2
-
     rays = MeshViews(mesh) if len(mesh.faces) else None
     uncovered_areas: list[np.ndarray] = []
     disagreement: dict[str, float] = {}

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+import av
 import numpy as np
 
 from v3studio.studio.errors import StudioError
@@ -27,8 +28,6 @@ class StreamSound:
     """
 
     def __init__(self, data: bytes, entry: AudioEntry, name: str) -> None:
-        import av
-
         self.entry = entry
         self.sample_rate = entry.sample_rate
         self.channels = entry.channels
@@ -60,8 +59,6 @@ class StreamSound:
         self._pieces = self._decoded(0)
 
     def _open(self) -> Any:
-        import av
-
         return av.open(io.BytesIO(self._data), "r", format="mp4")
 
     def read(self, first: int, count: int) -> np.ndarray:

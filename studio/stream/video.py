@@ -14,6 +14,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import av
 import numpy as np
 
 from v3studio.studio.errors import StudioError
@@ -21,7 +22,6 @@ from v3studio.studio.process import logged
 from v3studio.studio.stream.sources.source import damaged
 
 if TYPE_CHECKING:
-    import av
     from av.container import InputContainer
 
 _LOG = logging.getLogger(__name__)
@@ -72,8 +72,6 @@ class PlaneEncoder:
         b_frames: int = 0,
         fps: float | None = None,
     ) -> None:
-        import av
-
         self._width = size[0]
         self._frames = 0
         # bitexact: no "Lavf" tag. faststart: index before the data, so that playback can start early.
@@ -145,8 +143,6 @@ class PlaneDecoder:
     """
 
     def __init__(self, data: bytes, name: str, size: tuple[int, int], pictures: int, threads: int = 1) -> None:
-        import av
-
         self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
         self.name = name
         self._size = size

@@ -6,6 +6,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.camera_files.colmap_model import camera_model
 from v3studio.studio.cameras import Camera
@@ -122,8 +123,6 @@ def triangulate(rig: TieRig) -> None:
 
 
 def _absolute(camera: Camera, pixels: np.ndarray, points3d: np.ndarray, seed: int) -> np.ndarray | None:
-    import pycolmap
-
     options = pycolmap.AbsolutePoseEstimationOptions()
     options.ransac.max_error = _WORST * max(camera.width, camera.height)
     options.ransac.random_seed = seed
@@ -137,8 +136,6 @@ def _relative(
     first: Camera, second: Camera, observations: Observations, shared: np.ndarray, seed: int
 ) -> np.ndarray | None:
     """(4, 4) transform from the first to the second camera, with a baseline of 1; None if not found."""
-    import pycolmap
-
     options = pycolmap.TwoViewGeometryOptions()
     options.min_num_inliers = LEAST_SHARED - 1
     options.compute_relative_pose = True
@@ -157,7 +154,5 @@ def _relative(
 
 
 def _sensor(camera: Camera) -> Any:
-    import pycolmap
-
     model, parameters = camera_model(camera)
     return pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=parameters)

@@ -6,6 +6,7 @@ Uses SciPy's least squares, because COLMAP's bundle adjustment has no priors on 
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from v3studio.studio.calibration.manual.bootstrap import TieRig
@@ -105,8 +106,6 @@ class Problem:
 
     def _project(self, parameters: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (N, 2) of a camera's points, and OpenCV's derivatives (2N, 10 + distortion terms)."""
-        import cv2
-
         own = parameters[6 * self.names.index(name) :][:6]
         K, distortion = self._intrinsics(parameters, name)
         points3d = parameters[self.first_point :].reshape(-1, 3)[self.columns[name]]
@@ -132,8 +131,6 @@ class Problem:
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
         """(R, U) derivatives of the residuals."""
-        import cv2
-
         blocks = []
         for number, name in enumerate(self.names):
             columns = self.columns[name]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from v3studio.studio.calibration.alignment import align_points
@@ -85,7 +86,5 @@ def uncertainty(rig: TieRig, groups: Sequence[Sequence[str]], *, radial: bool) -
 
 def _center_slopes(pose: np.ndarray) -> np.ndarray:
     """(3, 6) derivatives of a camera center with respect to rotation vector and translation."""
-    import cv2
-
     turn, slopes = cv2.Rodrigues(pose[:3])
     return np.column_stack([-(slopes.reshape(3, 3, 3).transpose(0, 2, 1) @ pose[3:]).T, -turn.T])

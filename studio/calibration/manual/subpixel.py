@@ -1,5 +1,6 @@
 """Subpixel refinement of a click near a corner or a dot."""
 
+import cv2
 import numpy as np
 
 _TURNS = 8
@@ -12,8 +13,6 @@ def snap(image: np.ndarray, x: float, y: float, radius: int = 6) -> tuple[float,
     center they are parallel; the better fit is used. If neither is found within the radius, the click is returned
     unchanged.
     """
-    import cv2
-
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     fits = [place for place in (_fit(gray, x, y, radius, dot) for dot in (False, True)) if place is not None]
     if not fits:

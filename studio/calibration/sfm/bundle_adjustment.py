@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.calibration.sfm.job import SfmJob
 
@@ -27,8 +28,6 @@ def adjust(
         centers: also adjust principal points.
         keep: do not filter points.
     """
-    import pycolmap
-
     options, config = problem(model, job, centers)
     robust = width is not None or not last
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY if robust else pycolmap.LossFunctionType.TRIVIAL
@@ -48,8 +47,6 @@ def adjust(
 
 def problem(model: Any, job: SfmJob, centers: bool) -> tuple[Any, Any]:
     """Options and configuration of a bundle adjustment of all registered images, see `adjust`; the gauge is free."""
-    import pycolmap
-
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = centers
     options.refine_rig_from_world = not job.fix_poses
@@ -66,8 +63,6 @@ def problem(model: Any, job: SfmJob, centers: bool) -> tuple[Any, Any]:
 
 def known_model(path: Path, poses: Sequence[Any]) -> Any:
     """A model without points: the cameras of a database (camera n has image n + 1) at known (3, 4) poses."""
-    import pycolmap
-
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(path) as database:
         for camera in database.read_all_cameras():

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
-from v3studio.studio.calibration.sfm.job import SfmJob
+from v3studio.studio.calibration.sfm.job import SfmJob, file_name
 from v3studio.studio.calibration.sfm.pairs import FEW, largest, worthwhile
 
 _MAX_IMAGE_SIZE = 2400  # longer side in pixels; larger images are downscaled for feature detection
@@ -64,16 +65,8 @@ def count_rows(database: Path, query: str, written: bool = False) -> int:
         return 0
 
 
-def file_name(number: int, sync_frame: int = 0) -> str:
-    """Name of the image of a camera and a sync frame. The database for mapping has one image per camera, named after
-    the first sync frame, whose colors COLMAP gives to the points."""
-    return f"{number:04d}.png" if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"
-
-
 def find_matches(folder: Path, job: SfmJob) -> Path:
     """Detect features, match and verify them; the database for mapping, where camera n has image n + 1."""
-    import pycolmap
-
     final, each = folder / "database.db", folder / "sync_frames.db"
     for leftover in (*folder.glob("database.db*"), *folder.glob("sync_frames.db*")):
         leftover.unlink()
@@ -88,8 +81,6 @@ def find_matches(folder: Path, job: SfmJob) -> Path:
 def write_images(database: Any, job: SfmJob, sync_frames: int = 1) -> None:
     """Write the job's cameras, each with a rig, and images of sync frames, each with a frame, in a fixed order, so that
     ids do not depend on threads: the images of camera n have ids from n * sync_frames + 1 on."""
-    import pycolmap
-
     cameras = []
     for own in job.intrinsics:
         camera = pycolmap.Camera(model=own.model, width=own.width, height=own.height, params=own.params)
@@ -111,8 +102,6 @@ def write_images(database: Any, job: SfmJob, sync_frames: int = 1) -> None:
 
 
 def _extract(path: Path, folder: Path, job: SfmJob) -> None:
-    import pycolmap
-
     reader = pycolmap.ImageReaderOptions()
     if job.masks:
         reader.mask_path = folder / "masks"
@@ -147,8 +136,6 @@ def _match(path: Path, folder: Path, job: SfmJob) -> None:
 def _preview_pairs(path: Path, folder: Path, job: SfmJob) -> list[tuple[int, int]]:
     """Pairs of cameras (0-based, the smaller first) worth matching, by their largest features in the middle sync frame;
     see `studio.calibration.sfm.pairs`."""
-    import pycolmap
-
     preview = folder / "preview.db"
     preview.unlink(missing_ok=True)
     with pycolmap.Database.open(path) as full, pycolmap.Database.open(preview) as small:
@@ -178,8 +165,6 @@ def _match_images(
     path: Path, folder: Path, job: SfmJob, pairs: list[tuple[str, str]], step: str, verification: Any
 ) -> None:
     """Match and verify pairs of images, given by name."""
-    import pycolmap
-
     listed = folder / "pairs.txt"
     listed.write_text("".join(f"{first} {second}\n" for first, second in pairs))
     matching = pycolmap.FeatureMatchingOptions()
@@ -194,8 +179,6 @@ def _match_images(
 
 
 def _verification(job: SfmJob, fewest: int | None = None) -> Any:
-    import pycolmap
-
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = job.seed
     if fewest is not None:
@@ -205,8 +188,6 @@ def _verification(job: SfmJob, fewest: int | None = None) -> Any:
 
 def verify(path: Path, job: SfmJob) -> None:
     """Verify the matches of each sync frame again, with the lenses of a job, in place."""
-    import pycolmap
-
     with pycolmap.Database.open(path) as database:
         for number, own in enumerate(job.intrinsics, 1):
             camera = pycolmap.Camera(model=own.model, width=own.width, height=own.height, params=own.params)
@@ -217,8 +198,6 @@ def verify(path: Path, job: SfmJob) -> None:
 
 
 def _verify(path: Path, job: SfmJob) -> None:
-    import pycolmap
-
     verifier = pycolmap.GeometricVerifierOptions()
     verifier.num_threads = job.threads
     pycolmap.geometric_verification(path, verifier_options=verifier, two_view_geometry_options=_verification(job))
@@ -226,8 +205,6 @@ def _verify(path: Path, job: SfmJob) -> None:
 
 def merge_sync_frames(each: Path, final: Path, job: SfmJob) -> None:
     """One image per camera: its keypoints of all sync frames concatenated, with the matches renumbered."""
-    import pycolmap
-
     with pycolmap.Database.open(each) as source, pycolmap.Database.open(final) as target:
         write_images(target, job)
         sync_frames = job.sync_frames

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 _LEAST, _MOST = 0.7, 1.4  # an estimate is used if it is within these factors of the median of all
 
@@ -19,8 +20,6 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
         folder: folder for a temporary copy of it.
         cameras: ids of the cameras with unknown focal length.
     """
-    import pycolmap
-
     guessed = folder / "focal_lengths.db"
     shutil.copyfile(database, guessed)
     options = pycolmap.ViewGraphCalibrationOptions()
@@ -39,8 +38,6 @@ def guess_focal_lengths(database: Path, folder: Path, cameras: Sequence[int], se
 
 def is_any_unknown(database: Path) -> bool:
     """Return whether any camera in the database has neither a given nor an estimated focal length."""
-    import pycolmap
-
     with pycolmap.Database.open(database) as opened:
         return not all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.calibration.sfm.job import SfmJob
 
@@ -29,8 +30,6 @@ def write_guided_matches(each: Path, merged: Path, out: Path, model: Any, job: S
             `features.merge_sync_frames`.
         band: largest Sampson distance in pixels.
     """
-    import pycolmap
-
     shutil.copyfile(merged, out)
     with closing(sqlite3.connect(out)) as connection, connection:
         connection.execute("DELETE FROM matches")

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from v3studio.studio.calibration.sfm.features import file_name
+from v3studio.studio.calibration.sfm.job import file_name
 from v3studio.studio.errors import StudioError
 from v3studio.studio.progress import ProgressFn
 
@@ -93,8 +94,6 @@ def _write_picture(
     folder: Path, name: str, file: str, image: np.ndarray, mask: np.ndarray | None, masked: bool
 ) -> bool:
     """Write one image and its mask; returns whether the mask includes any pixel."""
-    import cv2
-
     if mask is None:
         mask = np.full(image.shape[:2], 255, np.uint8)
     if mask.shape != image.shape[:2]:

@@ -172,3 +172,9 @@ def neighbors(rig: Rig) -> list[tuple[int, int]]:
         near = [int(other) for other in order if other != index and angles[index, other] <= _WIDEST]
         pairs |= {(min(index, other), max(index, other)) for other in near[:_NEAREST]}
     return sorted(pairs)
+
+
+def file_name(number: int, sync_frame: int = 0) -> str:
+    """Name of the image of a camera and a sync frame. The database for mapping has one image per camera, named after
+    the first sync frame, whose colors COLMAP gives to the points."""
+    return f"{number:04d}.png" if sync_frame == 0 else f"{number:04d}_{sync_frame:03d}.png"

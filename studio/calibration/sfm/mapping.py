@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.calibration.sfm.bundle_adjustment import adjust, known_model
 from v3studio.studio.calibration.sfm.features import say
@@ -28,8 +29,15 @@ from v3studio.studio.calibration.sfm.shared_intrinsics import (
     try_shared_intrinsics,
     with_richer_intrinsics,
 )
-from v3studio.studio.calibration.sfm.uncertainty import WEAK, uncertainties
-from v3studio.studio.calibration.sfm.verdict import MISPLACED, TRUSTED, match_inlier_ratio, match_inlier_ratios, noise
+from v3studio.studio.calibration.sfm.uncertainty import uncertainties
+from v3studio.studio.calibration.sfm.verdict import (
+    MISPLACED,
+    TRUSTED,
+    WEAK,
+    match_inlier_ratio,
+    match_inlier_ratios,
+    noise,
+)
 
 _POLISHINGS = 2  # the second uses the noise estimate of the first
 _SPREAD = 1.2  # ratio of focal lengths above which mapping is repeated with shared intrinsics
@@ -126,8 +134,6 @@ class Mapper:
         of a pixel, while a few (features on edges, wrong matches) are one or two pixels, and these bias focal length
         and distortion.
         """
-        import pycolmap
-
         total = _POLISHINGS + 2
         say(step="adjusting", done=0, total=total)
         better = pycolmap.Reconstruction(model)
@@ -165,8 +171,6 @@ class Mapper:
 
     def _recentered(self, model: Any) -> Any:
         """The model with estimated principal points, if each camera has enough points and they fit much better."""
-        import pycolmap
-
         fewest = min(model.images[image].num_points3D for image in model.reg_image_ids())
         if fewest < _POINTS_FOR_CENTER or not self.free_cameras():
             return model
@@ -237,8 +241,6 @@ class Mapper:
 
     def _registered_again(self, model: Any, images: list[int]) -> Any:
         """Register images again, with all others; those that fail stay where they were."""
-        import pycolmap
-
         options = self._options()
         options.mapper.abs_pose_min_inlier_ratio = _LEAST_INLIERS
         with pycolmap.Database.open(self.database) as database:
@@ -260,8 +262,6 @@ class Mapper:
 
     def _with_own_cameras(self, model: Any, change: Callable[[Any], Any]) -> Any:
         """The changed model; `change` gets it with the database's cameras, one per image."""
-        import pycolmap
-
         joint, intrinsics_of = camera_of_image(model), self.job.intrinsics_of
         own = {image: intrinsics_of[image - 1] + 1 for image in joint}
         model = rebuilt(model, {own[image]: model.cameras[joint[image]] for image in joint}, own)
@@ -273,8 +273,6 @@ class Mapper:
 
     def _triangulated(self, model: Any, *, again: bool, options: Any = None) -> Any:
         """Triangulate the points of the registered cameras: all again, or the missing ones."""
-        import pycolmap
-
         out = self.folder / "models_known"
         out.mkdir(exist_ok=True)
         return pycolmap.triangulate_points(
@@ -303,8 +301,6 @@ class Mapper:
 
     def with_fixed_focal_lengths(self, models: list[Any], broken: set[int], attempt: str) -> list[Any]:
         """Map again with diverged focal lengths fixed at the median of the others."""
-        import pycolmap
-
         model = max(models, key=self.rank)
         good = [i for i in range(len(self.job.intrinsics)) if i not in broken and i + 1 in model.cameras]
         focal = float(np.median([focal_ratio(model.cameras[i + 1]) for i in good]))
@@ -325,8 +321,6 @@ class Mapper:
 
     def _released(self, model: Any) -> Any:
         """The model with all intrinsics refined, unless one diverges again."""
-        import pycolmap
-
         free = pycolmap.Reconstruction(model)
         adjust(free, self.job)
         return model if self.broken_intrinsics(free) else free
@@ -339,8 +333,6 @@ class Mapper:
         return self.incremental(attempt == "lenient")
 
     def _options(self) -> Any:
-        import pycolmap
-
         options = pycolmap.IncrementalPipelineOptions()
         options.num_threads = self.job.threads
         options.random_seed = self.job.seed
@@ -355,8 +347,6 @@ class Mapper:
         return options
 
     def incremental(self, lenient: bool) -> list[Any]:
-        import pycolmap
-
         options = self._options()
         if lenient:
             # a few cameras far apart share few points: lower the thresholds for the first pair and for registration
@@ -388,8 +378,6 @@ class Mapper:
         return list(models.values())
 
     def _global(self) -> list[Any]:
-        import pycolmap
-
         options = pycolmap.GlobalPipelineOptions()
         options.num_threads = self.job.threads
         options.random_seed = self.job.seed

@@ -3,12 +3,11 @@
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.calibration.sfm.bundle_adjustment import problem
 from v3studio.studio.calibration.sfm.job import SfmJob
 from v3studio.studio.calibration.sfm.verdict import reprojection_errors
-
-WEAK = 0.005  # position uncertainty above which a camera is weak: 2 sigma are 1 cm per meter
 
 
 def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[float, float]]:
@@ -19,8 +18,6 @@ def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[
     cameras: the world's position, orientation and scale, best fitted to the centers, are excluded. `centers`: whether
     principal points were estimated.
     """
-    import pycolmap
-
     images = sorted(model.reg_image_ids())
     errors = reprojection_errors(model)
     freedom = 2 * len(errors) - 3 * len(model.points3D) - 6 * len(images)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+WEAK = 0.005  # position uncertainty above which a camera is weak: 2 sigma are 1 cm per meter
 TRUSTED = 0.6
 """Match inlier ratio above which a solution is accepted: correct ones have 0.75, a wrongly closed ring has 0.45."""
 MISPLACED = 0.4  # match inlier ratio of a single camera below which it is registered again, and named if it stays there

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.calibration.report import SharedIntrinsicsReport, SolutionReport
 from v3studio.studio.calibration.sfm.features import find_matches, say
@@ -31,8 +32,6 @@ from v3studio.studio.process import claim_stdout
 
 def run(folder: Path, job: SfmJob) -> None:
     """Detect and match features, map, write the result."""
-    import pycolmap
-
     pycolmap.logging.minloglevel = 3
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # COLMAP's own handler prints a stack trace
     pycolmap.set_random_seed(job.seed)
@@ -42,8 +41,6 @@ def run(folder: Path, job: SfmJob) -> None:
 def solve(folder: Path, database_path: Path, job: SfmJob) -> None:
     """Map a database with matches. Writes cameras, points, observations, and the match counts of all images, registered
     or not."""
-    import pycolmap
-
     mapper = Mapper(folder, database_path, job)
     model, how = mapper.solve()
     if job.find_wide and asks_for_fisheyes(mapper, model):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pycolmap
 
 from v3studio.studio.calibration.settings import USUAL_MODEL
 from v3studio.studio.calibration.target.pattern import TargetObservation
@@ -63,8 +64,6 @@ def best_pose(
 def refine(state: TargetRig, model: str | None, *, principal_point: bool, threads: int) -> TargetRig:
     """Bundle adjustment of intrinsics, camera and target poses, which all need observations; robust loss.
     `threads`: 0 = all cores."""
-    import pycolmap
-
     world = pycolmap.Reconstruction()
     target = next(iter(state.views.values())).target
     names = list(state.cameras)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from v3studio.studio.calibration.initial_intrinsics import may_be_fisheye
@@ -59,8 +60,6 @@ def _fisheye(
     name: str, size: tuple[int, int], views: Sequence[TargetObservation], principal_point: bool
 ) -> Camera | None:
     """The fisheye lens that fits best, from several initial focal lengths; None if OpenCV finds none."""
-    import cv2
-
     some = [views[int(index)] for index in np.linspace(0, len(views) - 1, min(_ROUGH_VIEWS, len(views)))]
     world = [view.corners[None].astype(np.float64) for view in some]
     pixels = [view.pixels[None] - 0.5 for view in some]
@@ -90,8 +89,6 @@ _HALF = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 def _brown(
     name: str, size: tuple[int, int], chosen: Sequence[TargetObservation], model: str, principal_point: bool
 ) -> Camera:
-    import cv2
-
     world = [view.corners.astype(np.float32) for view in chosen]
     pixels = [(view.pixels - 0.5).astype(np.float32) for view in chosen]
     flags = {
@@ -130,8 +127,6 @@ def _no_focal_length(name: str, size: tuple[int, int], views: int, focal: float)
 
 def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size: tuple[int, int]) -> np.ndarray:
     """K of a pinhole camera: the best of several initial focal lengths."""
-    import cv2
-
     flags = (
         cv2.CALIB_USE_INTRINSIC_GUESS
         | cv2.CALIB_FIX_ASPECT_RATIO
@@ -153,8 +148,6 @@ def _first_guess(world: Sequence[np.ndarray], pixels: Sequence[np.ndarray], size
 
 
 def _fix(*terms: int) -> int:
-    import cv2
-
     return sum(getattr(cv2, f"CALIB_FIX_K{term}") for term in terms)
 
 
@@ -182,8 +175,6 @@ def _mark(view: TargetObservation, size: tuple[int, int]) -> np.ndarray:
 def target_pose(camera: Camera, view: TargetObservation) -> tuple[np.ndarray, float]:
     """(4, 4) pose, target to camera, and the RMS reprojection error in pixels. A planar target has two poses (Collins
     and Bartoli 2014); the pose with the smaller error is returned."""
-    import cv2
-
     world = view.corners
     coefficients = camera.distortion if camera.distortion.size else None
     K, pixels = camera.cv2_K, (view.pixels - 0.5).reshape(-1, 1, 2)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from v3studio.studio.atomic_files import atomic_path
@@ -80,8 +81,6 @@ def dark(target: CalibrationTarget) -> list[tuple[float, float, float, float]]:
         # as in OpenCV's pattern the first square is black
         return [(i * s, j * s, s, s) for j in range(target.rows) for i in range(target.columns) if (i + j) % 2 == 0]
     charuco = target.charuco
-    import cv2
-
     dictionary = charuco.getDictionary()
     cells = dictionary.markerSize + 2  # a border of one cell
     rectangles: list[tuple[float, float, float, float]] = []
