@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command
-from v3studio.pipelines.reports.terminal import say
+from v3studio.pipelines.reports.terminal import console, escaped, say, table_of
 
 if TYPE_CHECKING:
     from v3studio.pipelines.takes.take import Take
@@ -37,7 +37,6 @@ def _command(
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.reports.terminal import console, escaped, table_of
     from v3studio.pipelines.takes.results.kept_bakes import kept_bakes
     from v3studio.pipelines.takes.take import Take
 

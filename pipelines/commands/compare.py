@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, add_frames, add_overwrite, invalid_option
 from v3studio.pipelines.outputs import check_output
+from v3studio.pipelines.reports.terminal import console, escaped, table_of
 from v3studio.studio.comparison.protocols import PROTOCOLS
 from v3studio.studio.counts import counted
 
@@ -92,7 +93,6 @@ def _compare(arguments: argparse.Namespace) -> None:
 
 
 def _print(result: Comparison, out: Path) -> None:
-    from v3studio.pipelines.reports.terminal import console, escaped, table_of
     from v3studio.studio.comparison import FLICKER, METRICS
 
     protocol = result.protocol

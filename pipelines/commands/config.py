@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, add_settings, invalid_option, nearest
-from v3studio.pipelines.commands.common.source import source_path
+from v3studio.pipelines.commands.common.source import read_settings, source_path
 
 SECTIONS = ("capture", "calibrate", "initialize", "train", "bake", "evaluate", "run")
 """The sections of `Config`, which takes long to import."""
@@ -26,7 +26,6 @@ def register(commands: Any) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.commands.common.source import read_settings
     from v3studio.pipelines.config import Config, describe, load_config
     from v3studio.pipelines.config.config import values_of
     from v3studio.studio.yaml_text import parse_yaml

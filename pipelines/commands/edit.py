@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from v3studio.pipelines.commands.common.arguments import add_command, frame_range, invalid_option, number, print_text
 from v3studio.studio.counts import counted
-from v3studio.studio.errors import StudioError
+from v3studio.studio.errors import StudioError, violation
 
 if TYPE_CHECKING:
     import numpy as np
@@ -360,7 +360,6 @@ def _checked(before: EditList, name: str, value: object) -> EditList:
 
     from v3studio.pipelines.takes.authored.edits import singular
     from v3studio.studio.edits.edit_list import EditList
-    from v3studio.studio.errors import violation
 
     try:
         return EditList.model_validate(before.model_dump(mode="json") | {name: value})

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from v3studio.pipelines.commands.common.arguments import add_command
 from v3studio.pipelines.commands.common.source import add_source, is_take, read_settings
 from v3studio.pipelines.commands.common.working import working
+from v3studio.pipelines.reports.terminal import console, duration, table_of
 from v3studio.studio.counts import counted, size_words
 from v3studio.studio.errors import StudioError
 from v3studio.studio.memory import require_memory
@@ -45,7 +46,6 @@ def _estimate(arguments: argparse.Namespace) -> None:
     require_memory()  # both as a run does
     keep_freed_memory()
     from v3studio.pipelines.config.presets import PRESETS, with_values
-    from v3studio.pipelines.reports.terminal import console, duration
     from v3studio.pipelines.stages.inputs import Inputs
 
     presets: dict[str, Estimate] = {}
@@ -105,7 +105,6 @@ def _inputs(arguments: argparse.Namespace, stack: ExitStack) -> Inputs:
 
 def _print(estimate: Estimate, threads: int, now: float) -> None:
     from v3studio.pipelines.estimate.estimate import STREAM_SPREAD
-    from v3studio.pipelines.reports.terminal import console, duration, table_of
 
     screen, table = console(), table_of("stage", "time", "memory", "disk", "", left=(0, 4))
     for stage in estimate.stages:

@@ -1,6 +1,7 @@
 """`v3studio import`: bakes Gaussians from other programs into a stream."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from v3studio.pipelines.commands.common.working import say_note, working
 from v3studio.pipelines.outputs import replacing
 from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.counts import counted
+from v3studio.studio.errors import StudioError
 
 
 def register(commands: Any) -> None:
@@ -45,8 +47,6 @@ def _import(arguments: argparse.Namespace) -> None:
     if arguments.fps is not None and not 0 < arguments.fps <= 1000:
         problem = f"--fps {arguments.fps:g} is not between 0 and 1000 frames per second"
         raise invalid_option("--fps", problem, "Example: 30.", arguments.fps)
-    from dataclasses import replace
-
     import numpy as np
 
     from v3studio.pipelines.config import load_config
@@ -80,7 +80,6 @@ def _import(arguments: argparse.Namespace) -> None:
 
 def _refuse_unused(overrides: list[tuple[str, Any]]) -> None:
     from v3studio.pipelines.config import Config
-    from v3studio.studio.errors import StudioError
     from v3studio.studio.settings import COMMAND_LINE, affected
 
     results = affected(Config)

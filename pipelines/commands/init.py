@@ -9,6 +9,7 @@ from typing import Any
 from v3studio.pipelines.commands.common.arguments import add_command, add_overwrite, invalid_option, print_text
 from v3studio.pipelines.commands.common.source import add_preset, add_source, is_footage, read_settings
 from v3studio.pipelines.outputs import replacing
+from v3studio.studio.atomic_files import write_text
 from v3studio.studio.errors import StudioError
 
 _SHOWN = ("capture.root", "capture.images", "capture.rig", "capture.masks", "capture.held_out", "capture.scale")
@@ -32,7 +33,6 @@ def _init(arguments: argparse.Namespace) -> None:
     from v3studio.pipelines.config.config import values_of
     from v3studio.pipelines.inspection import inspect
     from v3studio.pipelines.takes.files.disk_errors import disk_errors
-    from v3studio.studio.atomic_files import write_text
 
     source = arguments.source
     if arguments.out is not None and arguments.out.is_dir():

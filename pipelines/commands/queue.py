@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from v3studio.pipelines.commands.common.arguments import add_command, print_text
 from v3studio.pipelines.commands.common.source import add_source, is_take, read_settings
-from v3studio.pipelines.reports.terminal import say
+from v3studio.pipelines.reports.terminal import console, escaped, say, table_of
+from v3studio.studio.errors import StudioError
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -58,8 +59,6 @@ def _file(arguments: argparse.Namespace) -> QueueFile:
 
 
 def _add(arguments: argparse.Namespace) -> None:
-    from v3studio.studio.errors import StudioError
-
     source, take = arguments.source, arguments.take
     if take is None:
         if not is_take(source):
@@ -73,7 +72,6 @@ def _add(arguments: argparse.Namespace) -> None:
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from v3studio.pipelines.reports.terminal import console, escaped, table_of
     from v3studio.pipelines.runs.status import progress
     from v3studio.pipelines.takes.take import Take
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from v3studio.pipelines.commands.common.arguments import add_command, invalid_option
 from v3studio.pipelines.commands.share import add_first_options, page_text
 from v3studio.pipelines.events import Serving as ServingEvent
+from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
 from v3studio.pipelines.reports.terminal import say
 from v3studio.studio.errors import StudioError
 
@@ -80,7 +81,6 @@ def register(commands: Any) -> None:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
-    from v3studio.pipelines.events.cancellation import EXIT_CANCELLED
     from v3studio.pipelines.share.certificates import load_certificate
     from v3studio.pipelines.share.player_files import read_player
     from v3studio.pipelines.share.served import wait_for_first_group

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from v3studio.pipelines.config import load_config
 from v3studio.pipelines.reports.terminal import say
 from v3studio.pipelines.review.messages import MarkChange, MetricCurves, QualityCurves, ReviewCamera, ReviewData
 from v3studio.pipelines.stages.compared_view import compared_cameras, performer_over
@@ -120,8 +121,6 @@ class TakeReview:
 
     @cached_property
     def _settings(self) -> Inputs:
-        from v3studio.pipelines.config import load_config
-
         return Inputs(self.take, load_config(self.take.config))
 
     @property

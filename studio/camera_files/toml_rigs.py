@@ -7,6 +7,7 @@ its older config.toml has [cam_<id>] among other tables. The pixel origin is Ope
 Cameras without a pose, or to `ignore`, are left out.
 """
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,8 +52,6 @@ def _name(key: str, table: JsonObject, nested: bool) -> str:
 
 def write(rig: Rig, path: Path) -> None:
     """Write the format of Pose2Sim, or of Caliscope if the file is named camera_array*.toml."""
-    import json
-
     nested = path.name.lstrip(".").startswith("camera_array")
     lines = []
     for number, camera in enumerate(rig):

@@ -12,6 +12,7 @@ from v3studio.studio.capture.digest import digest_files
 from v3studio.studio.capture.images import read_image
 from v3studio.studio.capture.patterns import VIDEO_EXTENSIONS
 from v3studio.studio.capture.settings import CaptureSettings
+from v3studio.studio.capture.video import VideoReader
 from v3studio.studio.errors import StudioError
 from v3studio.studio.masks.clean_plate import Background, difference_mask
 from v3studio.studio.masks.mask_files import find_files_of
@@ -81,8 +82,6 @@ def shown(behind: Background) -> np.ndarray:
 
 def _plate(paths: list[Path], spec: CaptureSettings) -> Background:
     """A clean plate: one image, or the median of several or of a video. Raises StudioError: a file cannot be read."""
-    from v3studio.studio.capture.video import VideoReader
-
     if paths[0].suffix.lower() in VIDEO_EXTENSIONS:
         with closing(VideoReader(paths[0], spec.color_matrix, spec.transfer)) as reader:
             count = reader.frame_count

@@ -8,7 +8,7 @@ from typing import Any
 
 from v3studio.pipelines.events import Log, Progress
 from v3studio.pipelines.events.cancellation import Cancellation, stop_on_signals
-from v3studio.pipelines.reports.terminal import say
+from v3studio.pipelines.reports.terminal import console, say
 from v3studio.studio.progress import ProgressFn
 
 _JSON_SECONDS = 0.2  # between lines
@@ -26,8 +26,6 @@ def say_note(arguments: argparse.Namespace, text: str) -> None:
 def working(what: str, arguments: argparse.Namespace) -> Iterator[ProgressFn]:
     """A `ProgressFn` that shows a progress bar or, with `--json`, prints lines, and raises Cancelled after Ctrl-C."""
     from rich import progress as rich
-
-    from v3studio.pipelines.reports.terminal import console
 
     cancellation = Cancellation()
     screen = console()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from v3studio.pipelines.events import Event
+from v3studio.pipelines.events import Event, GroupStarted, Metrics, Preview, Progress, Warned
 from v3studio.studio.errors import Message, StudioError
 from v3studio.studio.process import passive_openmp
 from v3studio.studio.storage import is_address
@@ -116,7 +116,6 @@ def _do_when_visible(task: GroupTask, node: str) -> None:
 
 def do_task(task: GroupTask, node: str) -> None:
     from v3studio.pipelines.config import load_config
-    from v3studio.pipelines.events import GroupStarted, Metrics, Preview, Progress, Warned
     from v3studio.pipelines.events.event_log import EventLog
     from v3studio.pipelines.runs.cluster.work import work
     from v3studio.pipelines.takes.take import Take

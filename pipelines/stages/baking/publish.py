@@ -12,8 +12,10 @@ from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.files.digests import digest_of_file
 from v3studio.pipelines.takes.results.stage_files import BakedGroupNote
 from v3studio.studio.atomic_files import atomic_path, link_or_copy
+from v3studio.studio.camera_files import read_rig
 from v3studio.studio.edits.edit_list import UP
 from v3studio.studio.errors import Message
+from v3studio.studio.own_frame import own_frame, undone
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,9 +92,7 @@ def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageRep
 def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
     """Make the metadata, the same for identical takes, which bake to identical bytes. The first view is from the first
     training camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
-    from v3studio.studio.camera_files import read_rig
     from v3studio.studio.coverage import view_range
-    from v3studio.studio.own_frame import own_frame, undone
     from v3studio.studio.stream import StreamMetadata
     from v3studio.studio.stream.metadata import CapturePlace
     from v3studio.studio.stream.suggested_view import suggested_view

@@ -15,6 +15,7 @@ from v3studio.pipelines.takes.frames.frame_numbers import FrameNumbers, trained_
 from v3studio.pipelines.takes.frames.take_set import take_set
 from v3studio.pipelines.takes.take import Take
 from v3studio.studio.camera_files import read_rig
+from v3studio.studio.edits.edit_list import UP
 from v3studio.studio.errors import StudioError
 from v3studio.studio.own_frame import in_own_frame, own_frame, undone
 from v3studio.studio.similarity import Similarity
@@ -46,7 +47,6 @@ def trained_video(root: str | os.PathLike[str]) -> SplatVideo:
             (`take.edits_*`), or none of the trained frames is within the trim (`edits.no_frames_left`).
     """
     from v3studio.pipelines.takes.frames.edited import EditedGroup
-    from v3studio.studio.edits.edit_list import UP
     from v3studio.studio.formats.rigid_motion import placed
     from v3studio.studio.splat_video import SplatVideo
 
