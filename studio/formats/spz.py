@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 
 from v3studio.studio.errors import StudioError
 from v3studio.studio.formats import checks
@@ -219,8 +220,6 @@ def write_container(path: Path, head: Head, attributes: list[bytes]) -> None:
     if head.version != _ZSTD_VERSION:
         path.write_bytes(gzip.compress(b"".join([_HEAD.pack(*fields, 0), *attributes]), mtime=0))
         return
-    import zstandard
-
     kept = [data for data in attributes if data]
     frames = [zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(data) for data in kept]
     table = [_ENTRY.pack(len(frame), len(data)) for frame, data in zip(frames, kept, strict=True)]
@@ -262,8 +261,6 @@ def _checked_head(path: Path, head: bytes) -> Head:
 
 def _zstd_streams(path: Path, data: bytes, head: Head) -> tuple[list[bytes], bytes]:
     """The attributes, and the extension records."""
-    import zstandard
-
     if len(data) < _HEAD_4.size:
         raise checks.truncated(path, len(data), _HEAD_4.size)
     *_, streams, table = _HEAD_4.unpack_from(data)

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from safetensors import SafetensorError
+
 from v3studio.pipelines.takes.files.json_files import Result, cannot_read
 from v3studio.studio.atomic_files import atomic_path
 from v3studio.studio.errors import StudioError
@@ -52,8 +54,6 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], about: FrameMetadata) 
 def read_frame(path: Path) -> Gaussians:
     """Read the Gaussians of a frame, on the CPU. Raises StudioError: `take.not_trained`, `take.damaged`; and, if the
     file may be intact, `take.cannot_read`; MemoryError if it does not fit."""
-    from safetensors import SafetensorError
-
     from v3studio.studio.gaussians import Gaussians
 
     try:
@@ -72,8 +72,6 @@ def read_frame(path: Path) -> Gaussians:
 def read_tensors(path: Path, key: str, since: int = 0) -> dict[str, Tensor] | None:
     """Tensors that `write_tensors` wrote, by name, on the CPU; None if missing, damaged, of another `key` or older.
     Raises OSError or MemoryError if the file may be intact, but cannot be read."""
-    from safetensors import SafetensorError
-
     if not has_key(path, key, since):
         return None
     try:
@@ -85,8 +83,6 @@ def read_tensors(path: Path, key: str, since: int = 0) -> dict[str, Tensor] | No
 def intact(path: Path) -> bool:
     """Return whether the tensors in a file are those that were written. Raises OSError or MemoryError if it cannot be
     read."""
-    from safetensors import SafetensorError
-
     try:
         _load(path)
     except SafetensorError:
@@ -97,8 +93,6 @@ def intact(path: Path) -> bool:
 def read_about(path: Path) -> FrameMetadata | None:
     """The metadata that `write_frame` wrote; None if there is no such file, it is damaged or has no such metadata.
     Raises OSError or MemoryError if it cannot be read."""
-    from safetensors import SafetensorError
-
     try:
         with _header(path) as file:
             return FrameMetadata.model_validate_json((file.metadata() or {})[_ENTRY])
@@ -126,7 +120,6 @@ def _header(path: Path) -> Iterator[Any]:
 
 def _load(path: Path) -> dict[str, Tensor]:
     """The tensors in a file. Raises SafetensorError for a damaged file, OSError, MemoryError."""
-    from safetensors import SafetensorError
     from safetensors.torch import load
 
     with _header(path):
