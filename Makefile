@@ -23,7 +23,7 @@ WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/bundl
 BUILD_WEB = $(MAKE) --no-print-directory web || \
     echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
 
-.PHONY: help node setup setup-tests system system-tests demo cluster-demo examples gui web web-package web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
+.PHONY: help node setup setup-tests system system-tests demo examples gui web web-package web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -41,11 +41,6 @@ setup-tests: system-tests ## the same, plus requirements of tests and linters
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
 	@.venv/bin/v3studio run sample_configs/demo.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
-
-cluster-demo: setup ## two groups on a Ray cluster of two nodes, one of which is killed; compare with a local run
-	@bash scripts/setup.sh dev
-	@.venv/bin/v3studio run sample_configs/demo.yaml --take "$(DEMO_TAKE)-groups" --train.group_size 15
-	@$(PY) scripts/cluster_demo.py "$(DEMO_TAKE)-cluster" --compare "$(DEMO_TAKE)-groups" --train.group_size 15
 
 examples: setup ## run the scripts of examples/
 	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done

@@ -1,8 +1,7 @@
 """Commands in the Makefile, the README and the guides are current: their targets, scripts, options and settings exist.
 
-Other tests run small versions: of `run` and its stages everywhere, examples (tests/v3studio), `cluster-demo`
-(tests/pipelines/runs/cluster), `gpu-check --dry-run` (tests/benchmarks). `.ci/run` runs `lint`, `test`,
-`docs`, `fresh-test`, `sbom`, `tsan` and `wheel` themselves.
+Other tests run small versions: of `run` and its stages everywhere, examples (tests/v3studio), `gpu-check --dry-run`
+(tests/benchmarks). `.ci/run` runs `lint`, `test`, `docs`, `fresh-test`, `sbom`, `tsan` and `wheel` themselves.
 """
 
 import re
