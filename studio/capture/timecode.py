@@ -1,22 +1,17 @@
 """Start timecodes of videos (SMPTE ST 12-1), and the offsets between cameras that follow from them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import av
+from av.container import InputContainer
 
 from v3studio.studio.capture.media import open_media, video_stream
 from v3studio.studio.errors import StudioError, naming
-
-if TYPE_CHECKING:
-    from av.container import InputContainer
 
 _LABEL = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.,])(\d\d\d?)", re.ASCII)
 _NTSC = Fraction(1000, 1001)

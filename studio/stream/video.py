@@ -12,17 +12,15 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import av
 import numpy as np
+from av.container import InputContainer
 
 from v3studio.studio.errors import StudioError
 from v3studio.studio.process import logged
 from v3studio.studio.stream.sources.source import damaged
-
-if TYPE_CHECKING:
-    from av.container import InputContainer
 
 _LOG = logging.getLogger(__name__)
 
