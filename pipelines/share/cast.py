@@ -14,7 +14,7 @@ from v3studio.studio.stream.manifest import MANIFEST_NAME
 
 MAX_ITEMS = 100
 
-SPLATS = (".ply", ".splat", ".ksplat", ".spz", ".sog")
+SPLATS = (".ply", ".splat", ".spz", ".sog")
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Triple = tuple[Number, Number, Number]
@@ -28,7 +28,7 @@ class Item(_Part):
     """A stream or static splats: exactly one of them."""
 
     stream: str | None = None  # folder of a take or a stream, a .v3s file, or a URL; paths are relative to the document
-    splats: str | None = None  # A .ply, .splat, .ksplat, .spz or .sog file
+    splats: str | None = None  # A .ply, .splat, .spz or .sog file
 
     position: Triple = (0.0, 0.0, 0.0)
     """The place of the origin in meters; y is up, and the ground is at 0. A stream's lowest point is put there."""
