@@ -3,6 +3,8 @@
 The command line shows them as progress bars; the window reads the lines. `read_line` is the inverse of `to_json`.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import re
