@@ -505,6 +505,8 @@ def distorted(points: np.ndarray, coefficients: np.ndarray, fisheye: bool) -> np
     `coefficients`: `Camera.distortion`, not empty."""
     if fisheye:
         return _fisheye_distorted(points, coefficients)
+    if not len(points):
+        return points  # for none, OpenCV returns None
     import cv2
 
     rays = np.column_stack([points, np.ones(len(points))])

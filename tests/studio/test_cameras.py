@@ -27,6 +27,7 @@ def test_unproject_inverts_project(kind: str) -> None:
     np.testing.assert_allclose(camera.ray_directions(pixels), directions, atol=1e-8)
     at_one = camera.center + rays / depth[:, None]
     np.testing.assert_allclose(camera.unproject(pixels), at_one, atol=1e-8)
+    assert camera.project(points[:0])[0].shape == (0, 2)
 
 
 def test_a_camera_looks_at_what_it_is_told_to() -> None:
