@@ -246,7 +246,15 @@ def _images(evidence: _Evidence) -> RigVerdict:
 
 
 def _wrong(given: _Support, cause: Mistake | None) -> RigVerdict:
-    """A rig that does not fit, and the mistake that explains it, if one does."""
+    """A rig that does not fit, and the mistake that explains it, if one does. If most matches fit, the masks may be
+    wrong instead."""
+    if cause is None and (given.matches or 0.0) >= _DOUBTFUL and given.tangents >= _FEW_TANGENTS:
+        return RigVerdict(
+            grade="wrong",
+            reason=f"The cameras or the masks are wrong: only {given.words} fit.",
+            fix="Look at the masks on the Capture page, then check the calibration.",
+            blamed="cameras or masks",
+        )
     return RigVerdict(
         grade="wrong",
         reason=f"This rig is wrong: only {given.words or 'nothing'} fit its cameras"
