@@ -26,14 +26,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # many small products: threa
 import av
 import numpy as np
 from captures import CAPTURES, Capture
-from rig import Camera, write_rig_files
+from rig import BOX_MARGIN, Camera, write_rig_files
 from sensor import developed, recorded, to_bytes, write_matte, write_video
 
 if TYPE_CHECKING:
     from scene import Scene
 
 PLATE_SAMPLES = 24
-FEATHER = 12  # pixels at the edges of a frame's box over which it becomes the plate
+FEATHER = 0.75 * BOX_MARGIN  # widths of the image at the edges of a frame's box over which it becomes the plate
 
 
 def main() -> int:
@@ -207,7 +207,7 @@ def _pasted(plate: np.ndarray, part: np.ndarray, box: tuple[int, int, int, int])
         (bottom < height, (bottom - rows)[:, None]),
     ):
         if inside:
-            ramp = ramp * np.clip(distance / FEATHER, 0, 1)
+            ramp = ramp * np.clip(distance / (FEATHER * width), 0, 1)
     whole = plate.copy()
     under = whole[top:bottom, left:right]
     under[..., :3] += ramp[..., None] * (part[..., :3] - under[..., :3])

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+BOX_MARGIN = 0.025  # widths of the image beside people, in the box around them that is rendered for each frame
+
 
 @dataclass(frozen=True)
 class Lens:

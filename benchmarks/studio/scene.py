@@ -9,7 +9,7 @@ from captures import Capture
 from figure import Performer, make_performer
 from materials import glowing, plain
 from mathutils import Matrix
-from rig import Camera
+from rig import BOX_MARGIN, Camera
 from room import Room, make_room, make_screen
 
 SETS: dict[str, Callable[[bpy.types.Scene], Room]] = {
@@ -136,7 +136,7 @@ class Scene:
             radius = across / np.maximum(seen[:, 2], 0.05)
         x = focal * width * radius * seen[:, 0] / across + width / 2
         y = focal * width * radius * seen[:, 1] / across + height / 2
-        margin = 0.025 * width
+        margin = BOX_MARGIN * width
         left, right = np.clip([x.min() - margin, x.max() + margin], 0, width).round().astype(int)
         top, bottom = np.clip([y.min() - margin, y.max() + margin], 0, height).round().astype(int)
         return left, top, right, bottom
