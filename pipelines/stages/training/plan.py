@@ -51,7 +51,7 @@ class TrainPlan:
         self.groups = inputs.groups
         self.seed, self.since = inputs.config.run.seed, inputs.since.get(STAGE.name, 0)
         self.recipe = {**inputs.seen_by_training(), **settings_affecting(inputs.config, "keyframe")}
-        if self.take.set_splats.is_file():
+        if self.settings.use_plates and self.take.set_splats.is_file():
             self.recipe["result of set"] = result_of(self.take, "set")
         self.later = settings_affecting(inputs.config, "later_frames")
         self.joint = settings_affecting(inputs.config, "joint_frames")
