@@ -43,7 +43,7 @@ class ComparedTake(Result):
     flicker: float | None = None  # mean over frames; None without two consecutive frames
     flicker_at_group_borders: float | None = None
     flicker_by_frame: tuple[FlickerOfFrame, ...] = ()
-    total_bytes: int  # all files that playing the best rendition takes, and the manifest
+    total_bytes: int  # all files that playing the best rendition takes, and the manifest, without the set
     stream_frames: int  # frames in the stream, also those that were not compared
 
     @property

@@ -50,6 +50,7 @@ def print_evaluation(take: Take) -> None:
         f"{protocol.background}. * first frame of a group.\n"
         "KB of a frame: its group's files, divided by the group's frames. "
         f"KB of the mean: all {protocol.total_bytes:,} bytes, with manifest and sound, divided by all frames."
+        + (f" The set has another {protocol.set_bytes:,} bytes, sent once." if protocol.set_bytes else "")
         + (f"\nLPIPS: {protocol.lpips}" if protocol.lpips else ""),
         style="dim",
         markup=False,

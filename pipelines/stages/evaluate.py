@@ -50,7 +50,7 @@ from v3studio.studio.masks.mask_source import evenly_spaced
 if TYPE_CHECKING:
     from v3studio.studio.footage import Footage
     from v3studio.studio.perceptual import Lpips
-    from v3studio.studio.stream import StreamReader
+    from v3studio.studio.stream import Manifest, StreamReader
 
 STAGE = stage_named("evaluate")
 
@@ -194,13 +194,13 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
         executor.run(STAGE, inputs, plan.groups, reporter)
     with _reader(plan) as reader:
         measured = [_measured(plan, group, reporter, reader) for group in plan.groups]
-        stream_bytes, frame_bytes = reader.played_bytes, reader.played_bytes / reader.frame_count
+        stream = reader.manifest
     rows = tuple(row for group in measured for row in group.frames)
     _tell_unseen(plan, measured, reporter)
     masks = _mask_check(plan, measured, reporter)
     summary = EvaluationSummary(
         **_means(rows),
-        bytes_per_frame=round(frame_bytes, 1),
+        bytes_per_frame=round(stream.played_bytes() / stream.frame_count, 1),
         psnr_trained_lowest_frame=min(row.psnr_trained for row in rows),
         psnr_decoded_lowest_frame=min(row.psnr_decoded for row in rows),
         frames_contradicting_masks=len(masks.frames),
@@ -212,7 +212,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> E
     }
     evaluation = Evaluation(
         summary=summary,
-        protocol=_protocol(plan, stream_bytes),
+        protocol=_protocol(plan, stream),
         cameras={name: Quality(**_means(qualities)) for name, qualities in seen.items() if qualities},
         frames=rows,
         masks=masks,
@@ -272,7 +272,7 @@ def _mask_check(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter:
     return check
 
 
-def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
+def _protocol(plan: EvaluatePlan, stream: Manifest) -> Protocol:
     """The protocol, which says how it was measured."""
     footage, settings = plan.footage, plan.config.evaluate
     return Protocol(
@@ -289,8 +289,9 @@ def _protocol(plan: EvaluatePlan, stream_bytes: int) -> Protocol:
         mean="over the views of a frame, then over frames; PSNR of equal images is set to 100 dB",
         ssim="11x11 Gaussian window, sigma 1.5",
         **({} if plan.lpips is None else {"lpips": plan.lpips.protocol}),
-        total_bytes=stream_bytes,
-        total_bytes_are="all files that playing the best rendition takes, and the manifest",
+        total_bytes=stream.played_bytes(),
+        total_bytes_are="all files that playing the best rendition takes, and the manifest, without the set",
+        set_bytes=stream.set_bytes,
         bytes_of_a_frame="files of its group, divided by the frames in the group",
     )
 

@@ -485,9 +485,14 @@ class Manifest(Model):
         """Seconds."""
         return self.frame_count / self.fps
 
+    @property
+    def set_bytes(self) -> int:
+        """Bytes of the set, which is sent once."""
+        return sum(part.bytes for part in self.set)
+
     def played_bytes(self) -> int:
         """Bytes that playing the best rendition takes, without the set: its files, pages, sound and manifest."""
-        fixed = sum(file.bytes for file in self.fixed_files) - sum(part.bytes for part in self.set)
+        fixed = sum(file.bytes for file in self.fixed_files) - self.set_bytes
         return self.renditions[0].bytes + fixed + len(self.to_bytes())
 
 

@@ -184,6 +184,9 @@ class Protocol(Result):
     lpips: str | None = None
     total_bytes: int
     total_bytes_are: str
+    set_bytes: int
+    """Bytes of the set, which is sent once; not in `total_bytes`."""
+
     bytes_of_a_frame: str
 
 

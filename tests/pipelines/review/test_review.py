@@ -44,7 +44,7 @@ def evaluation() -> dict[str, Any]:
     protocol = {
         "cameras": ["cam4"], "held_out": True, "note": "", "resolution": {"cam4": [64, 48]}, "crop": "",
         "background": [0, 0, 0], "footage": "", "frames": [0, 1, 2, 3, 4], "mean": "", "ssim": "", "total_bytes": 5000,
-        "total_bytes_are": "", "bytes_of_a_frame": "",
+        "total_bytes_are": "", "set_bytes": 0, "bytes_of_a_frame": "",
     }  # fmt: skip
     lowest = {"psnr_trained_lowest_frame": 31.0, "psnr_decoded_lowest_frame": 30.0}
     summary = {**quality(31.75), "bytes_per_frame": 1000.0, **lowest}
