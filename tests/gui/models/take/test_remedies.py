@@ -27,6 +27,7 @@ OTHERS = {
 NO_SETTING = {
     "bake.live_failed",  # retried automatically
     "files.no_locks",  # of a file system
+    "card.wrong",  # the card names the cause
     "mask.beyond_view",  # turn the camera, or leave it out
     "calibration.low_coverage",  # film the board, or the set, in more of the image
     "calibration.poor_cameras",  # they moved, or are out of focus
