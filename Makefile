@@ -23,7 +23,7 @@ WEB_SOURCES := $(shell find web/src -type f 2>/dev/null) web/build.mjs web/bundl
 BUILD_WEB = $(MAKE) --no-print-directory web || \
     echo "The browser player could not be built, so \`v3studio serve\` and \`share\` have none. Run \`make web\` to try again." >&2
 
-.PHONY: help node setup setup-tests system system-tests demo examples gui web web-package web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
+.PHONY: help node setup setup-tests system system-tests demo pictures examples gui web web-package web-lint web-test test attack fresh-test tsan gpu-check lint sbom format lock wheel clean
 
 help: ## list the commands
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r name what; do \
@@ -41,6 +41,13 @@ setup-tests: system-tests ## the same, plus requirements of tests and linters
 demo: setup ## run the whole pipeline on the sample capture (DEMO_TAKE=DIR: take folder)
 	@.venv/bin/v3studio run sample_configs/demo.yaml --take "$(DEMO_TAKE)"
 	@echo "Report: $(DEMO_TAKE)/report.html    Window: .venv/bin/v3studio-gui $(DEMO_TAKE)"
+
+pictures: setup-tests demo ## make all pictures of README, docs and help anew from the demo's take (half an hour)
+	@$(PY) scripts/sample_picture.py "$(DEMO_TAKE)" docs/images/sample.jpg
+	@$(PY) scripts/screenshots.py "$(DEMO_TAKE)" docs/images start capture train review difference
+	@$(PY) scripts/page_pictures.py "$(DEMO_TAKE)" docs/images
+	@$(PY) scripts/help_pictures.py "$(DEMO_TAKE)" build/help_takes
+	@.venv/bin/v3studio export "$(DEMO_TAKE)" --format v3 --out docs/assets/sample.v3s
 
 examples: setup ## run the scripts of examples/
 	@for script in examples/[0-9]*.py; do echo "== $$script"; $(PY) "$$script"; done

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import v3studio as v3
 
-SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "walk16"
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "dance16"
 QUICK = {
     "capture.root": str(SAMPLE),
     "capture.masks": "clean_plate",

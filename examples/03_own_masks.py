@@ -17,7 +17,7 @@ import numpy as np
 
 import v3studio as v3
 
-SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "walk16"
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "dance16"
 PLATES = SAMPLE / "clean_plates"
 
 

@@ -12,7 +12,7 @@ import torch
 
 import v3studio as v3
 
-SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "walk16"
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_captures" / "dance16"
 
 
 def main() -> None:

@@ -213,7 +213,7 @@ def sample_settings() -> Path | None:
     the working directory."""
     for folder in (Path(__file__).parents[1], Path.cwd()):
         settings = folder / "sample_configs" / "demo.yaml"
-        if settings.is_file() and (folder / "sample_captures" / "walk16").is_dir():
+        if settings.is_file() and (folder / "sample_captures" / "dance16").is_dir():
             return settings
     return None
 

@@ -32,12 +32,23 @@ from v3studio.studio.stream import StreamReader
 ROOT = Path(__file__).resolve().parent.parent
 CONFIG = ROOT / "sample_configs" / "quickstart.yaml"
 SIZE = (560, 400)
-FRAME, CAMERA = 14, "cam12"  # held out; the axe points at this camera
-SHORT = ("--capture.frames", "14:16", "--train.group_size", "2", "--run.threads", "1")
+FRAME, CAMERA = 14, "cam05"  # held out
+SHORT = (
+    "--capture.frames",
+    "14:16",
+    "--capture.set",
+    "none",
+    "--run.check_rig",
+    "false",
+    "--train.group_size",
+    "2",
+    "--run.threads",
+    "1",
+)
 FROM_FOOTAGE = ("--until", "calibrate", "--capture.rig", "null", "--calibrate.frame_count", "4")
 SWAPPED = ("cam03", "cam04")
 WRONG: dict[str, tuple[str, ...]] = {
-    "masks": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.25"),
+    "masks": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.5"),
     "cal_good": FROM_FOOTAGE,
     "swapped": (*SHORT, "--until", "initialize"),
     "few": (
@@ -58,12 +69,13 @@ WRONG: dict[str, tuple[str, ...]] = {
 def run(take: Path, *options: str) -> None:
     """Run a take; what is finished is not run again."""
     program = Path(sys.executable).with_name("v3studio")
-    subprocess.run([str(program), "run", str(CONFIG), "--take", str(take), *options], check=True)
+    source = take / "config.yaml" if (take / "config.yaml").is_file() else CONFIG
+    subprocess.run([str(program), "run", str(source), "--take", str(take), *options], check=True)
 
 
 def swapped_cameras(work: Path) -> Path:
     """The capture's camera file with two cameras swapped."""
-    cameras = json.loads((ROOT / "sample_captures" / "walk16" / "cameras.json").read_text(encoding="utf-8"))
+    cameras = json.loads((ROOT / "sample_captures" / "dance16" / "cameras.json").read_text(encoding="utf-8"))
     names = dict(zip(SWAPPED, reversed(SWAPPED), strict=True))
     for camera in cameras["cameras"]:
         camera["name"] = names.get(camera["name"], camera["name"])

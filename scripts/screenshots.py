@@ -1,6 +1,6 @@
 """Takes the screenshots of the documentation.
 
-    python scripts/screenshots.py TAKE docs/images capture train review difference
+    python scripts/screenshots.py TAKE docs/images start capture train review difference
     python scripts/screenshots.py MARKED docs/images points
 
 TAKE is a finished take of the sample capture (`make demo`), MARKED one whose cameras were calibrated from
@@ -9,6 +9,7 @@ OUT/gui_NAME.png. Needs what the window's tests need (`make setup-tests`): Xvfb 
 """
 
 import argparse
+import json
 import shutil
 import signal
 import sys
@@ -25,9 +26,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.gui.conftest import RunningWindow
 from tests.support.x_server import x_server
+from v3studio.pipelines.config import load_config
+from v3studio.pipelines.takes.files.settings_file import save_config
+from v3studio.pipelines.takes.take import Take
 
+SETTINGS = Path(__file__).resolve().parents[1] / "sample_configs" / "quickstart.yaml"
 SIZE = "1280x800"
-CAMERA, FRAME = "cam12", 14  # held out; the axe points at this camera
+CAMERA, FRAME = "cam05", 14  # held out
 SECONDS = 600.0  # longest wait for a state; generous, because another program may be using the CPU
 
 MOST_PICTURES, CHANGING = 20, 0.0005
@@ -72,7 +77,12 @@ def stage(name: str, mode: str = "", *keys: str) -> Screen:
     return go
 
 
+def start_page(window: RunningWindow) -> None:
+    """The page that the window begins with, with the takes that were open last."""
+
+
 SCREENS: dict[str, Screen] = {
+    "start": start_page,
     "capture": stage("capture"),
     "points": stage("calibrate", "points by hand", "Down", "c", "Down", "c", "r"),
     "train": stage("train"),
@@ -105,6 +115,19 @@ def take_picture(window: RunningWindow, path: Path) -> None:
     raise SystemExit(f"{path}: it kept changing")
 
 
+def new_take(folder: Path) -> Path:
+    """A take of the sample capture that was not run yet."""
+    save_config(Take.create(folder).config, load_config(SETTINGS))
+    return folder
+
+
+def remember(*takes: Path, folder: Path) -> None:
+    """Write the window's preferences with these takes as the last ones."""
+    path = folder / "config" / "v3studio" / "window.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps({"recent": [str(take) for take in takes]}))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("take", type=Path)
@@ -113,13 +136,16 @@ def main() -> None:
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # ends the window and its X server
     with tempfile.TemporaryDirectory() as folder, x_server(SIZE) as display:
-        take = shutil.copytree(options.take, Path(folder) / "take")
+        take = shutil.copytree(options.take, Path(folder) / "takes" / "dance")
+        remember(take, new_take(take.parent / "jump"), take / "stream", folder=Path(folder))
         for name in options.names:
             log = Path(folder) / f"{name}.jsonl"
-            with closing(RunningWindow(display, log, str(take), "--size", SIZE)) as window:
-                window.wait_for("a take", lambda state: state["frames"] > 1 and not state["opening"], SECONDS)
-                window.key("Home")
-                press_until(window, "Right", frame=min(FRAME, window.states()[-1]["frames"] - 1))
+            opened = () if name == "start" else (str(take),)
+            with closing(RunningWindow(display, log, *opened, "--size", SIZE)) as window:
+                if opened:
+                    window.wait_for("a take", lambda state: state["frames"] > 1 and not state["opening"], SECONDS)
+                    window.key("Home")
+                    press_until(window, "Right", frame=min(FRAME, window.states()[-1]["frames"] - 1))
                 SCREENS[name](window)
                 window.wait_for(name, lambda state: state["settled"], SECONDS)
                 take_picture(window, options.out / f"gui_{name}.png")

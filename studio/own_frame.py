@@ -2,7 +2,7 @@
 not depend on where a surveyor put zero, or on the unit.
 
 Cameras whose distance from the origin and whose size are ordinary stay as they are. Others are moved by their middle,
-or scaled to the size of the sample capture, for which the defaults of the settings were measured. The frame follows
+or scaled to the size of walk16, the capture for which the defaults of the settings were measured. The frame follows
 from the cameras alone, so it need not be stored.
 
 Imported splats have no cameras, and are treated alike by their own middle and radius.
@@ -14,7 +14,7 @@ from v3studio.studio.cameras import Rig
 from v3studio.studio.similarity import Similarity
 
 _LEAST, _MOST = 0.5, 32.0  # radius of a rig that is not scaled, in its units
-_USUAL = 3.3259015  # radius of one that is: that of the sample capture, in meters
+_USUAL = 3.3259015  # radius of one that is: walk16's, in meters
 _SPLATS_LEAST, _SPLATS_MOST, _SPLATS_USUAL = 0.03, 300.0, 1.0  # the same for splats: a person, or a scene around one
 _FARTHEST = 64.0  # distance of the middle from the origin, in radii; float32 then has 18 bits for a radius
 

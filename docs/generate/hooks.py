@@ -83,9 +83,7 @@ def _root_page(name: str) -> str:
 
 def _player_page() -> bytes:
     """The browser player with the sample's stream in one HTML file, which also opens from the disk."""
-    text = PageText(
-        title="The sample capture", credits='"Low Poly Lumberjack" by Daz', license="CC BY 4.0", view="50,8"
-    )
+    text = PageText(title="The sample capture", credits="V3 Studio", license="CC0", view="50,8")
     with TemporaryDirectory() as folder:
         page = Path(folder) / "sample.html"
         share(ROOT / SAMPLE, page, text)

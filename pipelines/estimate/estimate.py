@@ -20,7 +20,7 @@ UNCERTAINTY = 0.25
 _BYTES_A_MASK_PIXEL, _BYTES_A_VOXEL = 6, 16
 """Memory of the visual hull: the longest side of a box is about twice the others, so a quarter of the voxels."""
 
-_BYTES_A_SPLAT = 0.96  # of a stream per splat and frame at QP 24: measured on the sample capture, groups of 15 frames
+_BYTES_A_SPLAT = 0.96  # of a stream per splat and frame at QP 24: measured on walk16, groups of 15 frames
 _BYTES_A_QP = 0.0754  # natural logarithm of the ratio of bytes from one QP to the next lower one, on the same capture
 STREAM_SPREAD = 2  # fast motion needs about twice the bytes, slow motion half
 

@@ -53,7 +53,7 @@ class Work:
 
     @property
     def splats_before_pruning(self) -> int:
-        """Splats of a keyframe, if none become transparent; on the sample capture, nearly none do."""
+        """Splats of a keyframe, if none become transparent; on walk16, nearly none do."""
         train = self.train
         first = (train.densify_from // train.densify_every + 1) * train.densify_every
         grows = first < min(train.densify_until, train.keyframe_iterations + 1)

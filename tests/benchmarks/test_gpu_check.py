@@ -27,7 +27,7 @@ def test_dry_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
     assert report["dry_run"] is True
     assert [parts[name]["steps"] for name in names[4:]] == [9, 8, 8, 6]
     assert parts["tests"]["tests"] >= 10
-    assert parts["joint training"]["psnr"] > parts["group"]["psnr"] > 15
+    assert parts["joint training"]["psnr"] > parts["group"]["psnr"] > 12
     assert parts["rasterizer"]["cases"][0]["both_ms"] > 0
     kernels = parts["training kernels"]["kernels"]
     assert [one["kernel"] for one in kernels] == ["image loss", "coded loss"]

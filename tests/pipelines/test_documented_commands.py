@@ -162,10 +162,12 @@ def test_the_gzipped_sizes_of_the_player_are_those_of_its_page() -> None:
 
 def test_the_size_of_the_demo_is_that_of_its_stream() -> None:
     with StreamReader.open(ROOT / "docs/assets/sample.v3s") as reader:
-        size, frames = reader.manifest.total_bytes, reader.manifest.frame_count
+        size, played, frames = reader.manifest.total_bytes, reader.played_bytes, reader.manifest.frame_count
+        behind = reader.manifest.set_bytes
     for page in ("README.md", "docs/tutorial.md"):
         text = (ROOT / page).read_text(encoding="utf-8")
         assert re.findall(r"([\d,]+) bytes in total", text) == [f"{size:,}"]
-        assert re.findall(r"(\d+) KB per frame", text) == [str(round(size / frames / 1000))]
+        assert re.findall(r"(\d+) KB per frame", text) == [str(round(played / frames / 1000))]
+        assert re.findall(r"(\d+) KB for the room", text) == [str(round(behind / 1000))]
     index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
     assert set(re.findall(r"(\d+) KB", index)) == {str(round(size / 1000))}

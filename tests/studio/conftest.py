@@ -12,7 +12,7 @@ from PIL import Image
 from v3studio.studio.cameras import Camera
 from v3studio.studio.rasterizer.cpu import load_kernels
 
-SAMPLE = Path(__file__).parents[2] / "sample_captures" / "walk16"
+SAMPLE = Path(__file__).parents[2] / "sample_captures" / "dance16"
 
 
 def write_video(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 VERSION = 1  # raised whenever fine-tuning changes; older results are then trained again
 
-FRAMES = 5  # of a group that offsets are trained on: all 15 of the sample's first gave the same, with more memory
+FRAMES = 5  # of a group that offsets are trained on: all 15 of walk16's first gave the same, with more memory
 
 
 def finetuned_rungs(config: Config) -> tuple[Rung, ...]:

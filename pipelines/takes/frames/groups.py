@@ -14,7 +14,7 @@ FEWEST = 4  # number of frames that a group may have however the performer moves
 
 MOST_MOTION = 0.48
 """Longest path of the performer between a keyframe and its group's first or last frame, in sizes of the performer. In
-the sample's 30 frames, which are best as one group, it is 0.31; in groups of 12 to 15 frames with fast limbs up to
+walk16's 30 frames, which are best as one group, it is 0.31; in groups of 12 to 15 frames with fast limbs up to
 0.44, and in twice as long ones, which are worse, 0.53 to 0.72."""
 
 

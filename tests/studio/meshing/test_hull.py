@@ -18,7 +18,7 @@ from v3studio.studio.meshing import HullResult, InitializeSettings, Mesh, initia
 from v3studio.studio.meshing.silhouettes import signed_distance, silhouettes
 
 COARSE = InitializeSettings(resolution=48, max_faces=100_000)
-SAMPLE = Path(__file__).parents[3] / "sample_captures" / "walk16"
+SAMPLE = Path(__file__).parents[3] / "sample_captures" / "dance16"
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +191,7 @@ def test_sample_capture_against_its_true_mesh() -> None:
     for camera in read_rig(SAMPLE / "cameras.json"):
         image = VideoReader(SAMPLE / "mattes" / f"{camera.name}.mkv").read(0)
         views.append(Shot(camera.resized(image.shape[1], image.shape[0]), image, image[..., 0]))
-    result = visual_hull(views, InitializeSettings(resolution=96))
+    result = visual_hull(views, InitializeSettings(resolution=160))
     assert max(result.disagreement.values()) < 0.04
     truth = Mesh.load(SAMPLE / "meshes" / "000000.ply")
     scene = o3d.t.geometry.RaycastingScene()
