@@ -103,7 +103,7 @@ def calibrate_from_images(
         progress(percent, 100)
 
     run_reporting("v3studio.studio.calibration.sfm.worker", [str(path)], relay)
-    result = _read(workdir, names)
+    result = _read(workdir, names, posed=settings.known == "poses")
     transform = _gauge(result, poses, settings)
     update: JsonObject = {"sync_frames": sync_frames}
     if poses is not None:
@@ -124,12 +124,15 @@ def _moved(result: CalibrationResult, before: Rig, settings: CalibrateSettings) 
     }
 
 
-def _read(folder: Path, names: Sequence[str]) -> CalibrationResult:
-    """The worker's solution in COLMAP's gauge."""
+def _read(folder: Path, names: Sequence[str], posed: bool) -> CalibrationResult:
+    """The worker's solution in COLMAP's gauge. Unless poses are known (`posed`), a camera that sees none of the points
+    is not registered: nothing says where it is."""
     solution = SfmSolution.model_validate_json((folder / "solution.json").read_text(encoding="utf-8"))
     with np.load(folder / "points.npz") as arrays:
         points, colors, seen = arrays["points"], arrays["colors"], arrays["observations"]
-    cameras = tuple(map(Camera.from_dict, solution.cameras))
+    seeing = {names[int(number)] for number in np.unique(seen[:, 0])}
+    solved = map(Camera.from_dict, solution.cameras)
+    cameras = tuple(camera for camera in solved if posed or camera.name in seeing)
     told, known = solution.report, [camera.name for camera in cameras]
     missing = {name: _reason(told.features[name], solution.partners[name]) for name in names if name not in known}
     if len(cameras) < 2:

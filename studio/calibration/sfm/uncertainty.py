@@ -43,6 +43,8 @@ def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[
         gauge[number, :3] = np.c_[np.eye(3), -np.cross(np.eye(3), away), away]
         gauge[number, 3:, 3:6] = np.eye(3)
     blocks = [[_covariance(covariances, row, column) for column in images] for row in images]
+    if any(block.shape != (6, 6) for row in blocks for block in row):  # of images with too few points
+        return {}
     spread = np.einsum("aij,abjk,blk->aibl", slopes, np.array(blocks), slopes).reshape(6 * len(images), -1)
     fit = np.zeros((7, len(images), 6))
     fit[:, :, :3] = np.linalg.pinv(gauge[:, :3].reshape(-1, 7)).reshape(7, len(images), 3)
@@ -51,6 +53,8 @@ def uncertainties(model: Any, job: SfmJob, *, centers: bool) -> dict[int, tuple[
     points = np.array([point.xyz for point in model.points3D.values()])
     distance = np.mean([np.linalg.norm(points - center, axis=1).mean() for center in centers3d])
     sigmas = np.sqrt(np.maximum(variances, 0)) * [1 / distance, np.degrees(1)]
+    if not np.isfinite(sigmas).all():
+        return {}
     return {image: (float(position), float(turn)) for image, (position, turn) in zip(images, sigmas, strict=True)}
 
 
