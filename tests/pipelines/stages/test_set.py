@@ -62,7 +62,7 @@ def test_a_set_is_estimated_outside_of_the_masks_resumed_and_left_out(
     assert status(take, room)["set"].state == "done"
 
     # a run that was canceled goes on where it was, to the same bytes
-    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 10)
+    monkeypatch.setattr("v3studio.studio.training.settings.CHECKPOINT_EVERY", 2)
     cancellation, flagged = Cancellation(), []
 
     def stop(event: Event) -> None:
