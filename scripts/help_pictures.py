@@ -45,11 +45,9 @@ SHORT = (
     "--run.threads",
     "1",
 )
-FROM_FOOTAGE = ("--until", "calibrate", "--capture.rig", "null", "--calibrate.frame_count", "4")
 SWAPPED = ("cam03", "cam04")
 WRONG: dict[str, tuple[str, ...]] = {
     "masks": (*SHORT, "--until", "initialize", "--capture.mask_sensitivity", "0.5"),
-    "cal_good": FROM_FOOTAGE,
     "swapped": (*SHORT, "--until", "initialize"),
     "few": (
         *SHORT, "--initialize.points", "2000", "--train.max_splats", "1500", "--train.densify_max_splats", "2000",
@@ -63,7 +61,7 @@ WRONG: dict[str, tuple[str, ...]] = {
         "100",
     ),
 }  # fmt: skip
-"""Options of the takes with wrong settings, and of one calibrated from the footage."""
+"""Options of the takes with wrong settings."""
 
 
 def run(take: Path, *options: str) -> None:
@@ -111,6 +109,7 @@ def performer_box(good: Path) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero((mask > 127).any(1)), np.flatnonzero((mask > 127).any(0))
     high = (rows[-1] - rows[0]) * 1.15
     high = max(high, (columns[-1] - columns[0]) * 1.1 * SIZE[1] / SIZE[0])
+    high = min(high, mask.shape[0], mask.shape[1] * SIZE[1] / SIZE[0])
     wide = high * SIZE[0] / SIZE[1]
     y, x = (rows[0] + rows[-1]) / 2, (columns[0] + columns[-1]) / 2
     top = int(np.clip(y - high / 2, 0, mask.shape[0] - high))
@@ -163,7 +162,7 @@ def pictures(take: Path, work: Path) -> Iterator[tuple[str, np.ndarray]]:
     group_1 = 15  # its first frame
     yield "capture_good", outline(take)[box]
     yield "capture_bad", outline(work / "masks")[box]
-    yield "calibrate_good", stage_picture(work / "cal_good", CalibrateView)
+    yield "calibrate_good", stage_picture(take, CalibrateView)
     yield "calibrate_bad", stage_picture(work / "swapped", InitializeView)
     yield "initialize_good", stage_picture(take, InitializeView, frame=group_1)
     yield "initialize_bad", stage_picture(work / "masks", InitializeView)

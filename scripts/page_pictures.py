@@ -69,7 +69,8 @@ def terminal_picture(browser: Browser, take: Path, out: Path) -> None:
     for name in ("status", "evaluate"):
         shown += f"\033[1m$ v3studio {name} {take.name}\033[0m\n{command(name, take.name, folder=take.parent)}\n"
     shown = re.sub(r"(\033\[(\?25[lh]|\d*[AK]))+\r?\n?", "", shown)  # of progress
-    shown = re.sub(r"(\n +4 .*)(\n +\d+ .*)+(\n +29 )", r"\1\n     ...\3", shown)  # most frames
+    shown = re.sub(r"(\n +4 .*)(\n +\d+\*? .*)+(\n +29 )", r"\1\n     ...\3", shown)  # most frames
+    shown = shown.replace(f"{take.parent}/", "")
     parts = re.split(r"\033\[([0-9;]*)m", html.escape(shown))
     spans = [parts[0]]
     for code, text in zip(parts[1::2], parts[2::2], strict=True):
