@@ -7,6 +7,7 @@ import socket
 import subprocess
 import time
 import urllib.request
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -43,14 +44,14 @@ def once_there(connect: Callable[[], T]) -> T:
             time.sleep(0.1)
 
 
-class Driven(Page):
+class Driven(Page, ABC):
     """One page in a browser that WebDriver's commands drive."""
 
     def __init__(self) -> None:
         self.send("SetTimeouts", script=PATIENCE)
 
-    def send(self, command: str, **parameters: Any) -> Any:
-        raise NotImplementedError
+    @abstractmethod
+    def send(self, command: str, **parameters: Any) -> Any: ...
 
     def evaluate(self, script: str, argument: Any = None) -> Any:
         call = f"const done = arguments[1]; Promise.resolve(({script})(arguments[0])).then(done, e => done(String(e)))"

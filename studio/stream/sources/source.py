@@ -1,6 +1,7 @@
 """Sources of a stream's files: a folder, or a web server (`studio.stream.sources.http`)."""
 
 import os
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +21,23 @@ class SourceUnavailable(StudioError):
     """The server does not answer, or not in time. The files on it may well be intact."""
 
 
-class Source:
+class Source(ABC):
     """Reads the files of one stream by their path relative to it. Thread safe. `name`: the stream in messages, a folder
     or a URL; `parallel`: number of files to read at once, above 1 for a network."""
 
     name: str
     parallel = 1
 
+    @abstractmethod
     def read(self, path: str, limit: int) -> bytes:
         """The whole file, of at most `limit` bytes. StudioError if it is missing, unreadable or longer;
         SourceUnavailable if the server cannot be reached at present."""
-        raise NotImplementedError
 
     def read_changed(self, path: str, limit: int) -> bytes | None:
         """Read a file like `read`, or return None if it is the same as when this method last read it."""
         return self.read(path, limit)
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - there may be nothing to abort
         """Abort reads in progress. Later reads from a web source raise StudioError."""
 
 
