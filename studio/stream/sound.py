@@ -13,6 +13,7 @@ import numpy as np
 from v3studio.studio.errors import StudioError
 from v3studio.studio.stream.manifest import AudioEntry
 from v3studio.studio.stream.sources.source import damaged
+from v3studio.studio.stream.video import UNREADABLE
 
 _FRAME = 1024  # samples of an AAC-LC frame
 _PREROLL = 4 * _FRAME  # the first frame after seeking lacks its overlap
@@ -35,14 +36,13 @@ class StreamSound:
         self.samples = self._skip + entry.samples
         self._name = name
         self._lock = threading.Lock()
-        self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
         self._pieces: Iterator[tuple[int, np.ndarray]] = iter(())
         self._held: list[tuple[int, np.ndarray]] = []  # decoded and not yet passed
         self._next = 0  # sample of the file that decoding continues at
         self._data = data
         try:
             self._container: Any = self._open()
-        except self._errors as error:
+        except UNREADABLE as error:
             raise self._damaged(error) from None
         streams = self._container.streams
         track = None
@@ -71,7 +71,7 @@ class StreamSound:
         with self._lock:
             try:
                 self._fill(out, low, high, self._skip - first)
-            except self._errors as error:
+            except UNREADABLE as error:
                 raise self._damaged(error) from None
         return out
 

@@ -1,7 +1,4 @@
-"""A video of numbers: 8-bit luma in MP4 through PyAV. The same images give the same bytes.
-
-PyAV is imported where it is used, which keeps importing the package fast.
-"""
+"""A video of numbers: 8-bit luma in MP4 through PyAV. The same images give the same bytes."""
 
 import contextlib
 import io
@@ -23,6 +20,8 @@ from v3studio.studio.process import logged
 from v3studio.studio.stream.sources.source import damaged
 
 _LOG = logging.getLogger(__name__)
+
+UNREADABLE = (av.error.FFmpegError, ValueError, IndexError, EOFError)  # what PyAV raises for a damaged file
 
 NOMINAL_FPS = 30
 """Rate written into the MP4s, without meaning: image k is frame k of the group, and the manifest has the rate."""
@@ -141,7 +140,6 @@ class PlaneDecoder:
     """
 
     def __init__(self, data: bytes, name: str, size: tuple[int, int], pictures: int, threads: int = 1) -> None:
-        self._errors: tuple[type[BaseException], ...] = (av.error.FFmpegError, ValueError, IndexError, EOFError)
         self.name = name
         self._size = size
         self._lock = threading.Lock()  # FFmpeg crashes if a file is closed during decoding
@@ -153,7 +151,7 @@ class PlaneDecoder:
             if context is None:  # a codec unknown to FFmpeg
                 raise ValueError("unknown codec")
             found = context.codec.canonical_name, context.width, context.height
-        except self._errors as error:
+        except UNREADABLE as error:
             self.close()
             raise damaged("stream.video_unreadable", f"not a readable MP4 video ({error})", name) from None
         if found != (expected := ("h264", *size)):
@@ -177,7 +175,7 @@ class PlaneDecoder:
                 raise StudioError("stream.closed", "the video was closed during decoding", file=self.name)
             try:
                 frame: av.VideoFrame | None = next(self._frames, None)
-            except self._errors as error:
+            except UNREADABLE as error:
                 raise damaged("stream.video_damaged", f"the video is damaged ({error})", self.name) from None
             if frame is None:
                 raise damaged("stream.video_too_short", "the video has fewer frames than its group", self.name)
