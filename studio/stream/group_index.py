@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from itertools import accumulate
 
 from v3studio.studio.errors import StudioError
@@ -17,9 +17,7 @@ _KEPT_PAGES = 16
 class GroupIndex:
     """All groups of a stream. Thread safe. `reading`: a context around each read of a page, to change errors."""
 
-    def __init__(
-        self, manifest: Manifest, source: Source, reading: Callable[[], AbstractContextManager[None]] = nullcontext
-    ) -> None:
+    def __init__(self, manifest: Manifest, source: Source, reading: Callable[[], AbstractContextManager[None]]) -> None:
         self.manifest, self._reading = manifest, reading
         self.starts = tuple(accumulate(manifest.frame_counts[:-1], initial=0))
         self._source = source
