@@ -71,8 +71,9 @@ def write_cast(source: Path, out: Path, text: PageText, progress: ProgressFn) ->
         poster, preview = hashed_name("poster.jpg", images[0]), hashed_name("preview.jpg", images[1])
         folder.write(poster, images[0])
         folder.write(preview, images[1])
-        tags = preview_tags(replace(text, credits=_credits(text, streams), license=None), preview)
-        filled = cast_page(player.page, script_elements([name]), title, _credits(text, streams), poster, tags)
+        credits = _credits(text, streams)
+        tags = preview_tags(replace(text, credits=credits, license=None), preview)
+        filled = cast_page(player.page, script_elements([name]), title, credits, poster, tags)
         folder.write(PAGE_NAME, filled.encode())
         progress(len(cast.items), len(cast.items))
     return title, folder.written
