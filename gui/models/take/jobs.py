@@ -11,6 +11,7 @@ import signal
 import subprocess
 import tempfile
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -114,7 +115,7 @@ class ChildProcess:
             stop_process(self._process.pid)
 
 
-class Commands:
+class Commands(ABC):
     """Runs one `v3studio` command at a time, in a scratch folder that is removed when it has ended."""
 
     def __init__(self) -> None:
@@ -142,9 +143,9 @@ class Commands:
             self._forget()
         self._told([event for event, _ in map(read_line, lines) if event is not None], status, error)
 
+    @abstractmethod
     def _told(self, events: Sequence[Event], status: int | None, error: str) -> None:
         """Take new events, and the exit status with the last error; None while the command runs."""
-        raise NotImplementedError
 
     def stop(self) -> None:
         """End the command, if there is one."""

@@ -1,5 +1,6 @@
 """Shares as chosen in a dialog, and what they take."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -29,7 +30,7 @@ PHONES_SERVE = (  # the same, where this machine serves
 )
 
 
-class NamedTarget:
+class NamedTarget(ABC):
     """Base of the requests of dialogs with a field for the target. `done`: what it is called afterwards; `stays`:
     whether the notice that it is done stays until it is dismissed."""
 
@@ -40,9 +41,9 @@ class NamedTarget:
     _target: str
 
     @property
+    @abstractmethod
     def usual_name(self) -> str:
         """File or folder name until another one is typed."""
-        raise NotImplementedError
 
     @property
     def target(self) -> str:
