@@ -40,3 +40,8 @@ class Card(BaseModel):
     @property
     def lines(self) -> list[str]:
         return [check.line for check in self.checks]
+
+    @property
+    def grades(self) -> str:
+        """All grades in one line."""
+        return "; ".join(f"{check.name}: {check.grade}" for check in self.checks)

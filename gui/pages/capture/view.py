@@ -439,7 +439,7 @@ class FootageCheck:
             measured = measure(footage, self._go_on, sample)
             card, self.card = measured.card, draw(measured)
             found = [Problem(check.line) for check in card.checks if check.grade in ("wrong", "doubtful")]
-            grades = "; ".join(f"{check.name}: {check.grade}" for check in card.checks)
+            grades = card.grades
         self.problems = found
         words = f"{counted(len(found), 'problem')} found" if found else "all images checked, no problems found"
         words += f" ({grades})" if grades else ""

@@ -196,8 +196,7 @@ class NewTakeDialog:
 
     def _judged(self, done: Done[NewTake, Measured | None]) -> None:
         if done.request is self._asked and done.result is not None:  # the list of files says why it cannot be read
-            grades = "; ".join(f"{check.name}: {check.grade}" for check in done.result.card.checks)
-            self._card = f"Card: {grades}.", draw(done.result)
+            self._card = f"Card: {done.result.card.grades}.", draw(done.result)
             if self._dialogs.name == NAME:
                 self._update()
 
