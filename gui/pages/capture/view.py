@@ -28,6 +28,7 @@ from v3studio.gui.pages.stage_view import Size, StageView, rectangle, sentence
 from v3studio.pipelines.inspection import with_camera_file
 from v3studio.studio.camera_files import read_rig
 from v3studio.studio.cameras import Rig
+from v3studio.studio.capture.images import read_image
 from v3studio.studio.card import Sample, draw, measure
 from v3studio.studio.counts import counted
 from v3studio.studio.errors import Cancelled, Message, StudioError
@@ -131,9 +132,9 @@ class CaptureView(StageView):
     def _draw_card(self, canvas: Canvas, height: float) -> None:
         self.places, self.image_at = [], None
         picture = self.footage_check.card
-        if picture is None and self._card_file is not None and self._card_file.is_file():
-            stored = cv2.imread(str(self._card_file))
-            picture = None if stored is None else cv2.cvtColor(stored, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+        if picture is None and self._card_file is not None:
+            with suppress(StudioError):
+                picture = read_image(self._card_file)
         if picture is not None:
             canvas.fit_image(0, 0, canvas.width, height, picture)
         else:
