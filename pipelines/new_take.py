@@ -164,8 +164,6 @@ class NewTake:
 
     def create(self) -> Path:
         """Create the take's folder and its settings; return the folder."""
-        from v3studio.studio.footage import open_footage
-
         config = self.config()
         open_footage(config.capture, None, strict=False).close()
         where = self.take.strip() or self.proposed_take()
