@@ -35,10 +35,6 @@ Examples:
 """
 
 
-_MANY = {"region": "regions", "detail": "details", "mask": "masks"}
-"""Edits of which there may be several: the name of one, and of all."""
-
-
 def register(commands: Any) -> None:
     text = "trim a take, crop it, remove floaters, set axes and scale, mark details; with undo"
     command = add_command(commands, "edit", text, epilog=_NOTE)
@@ -315,14 +311,14 @@ def _mask(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    from v3studio.pipelines.takes.authored.edits import change_edits, singular
+    from v3studio.pipelines.takes.authored.edits import MANY, change_edits, singular
     from v3studio.studio.edits.edit_list import EditList
 
-    name, known = _MANY.get(arguments.name, arguments.name), [*EditList.model_fields, "all"]
+    name, known = MANY.get(arguments.name, arguments.name), [*EditList.model_fields, "all"]
     if name not in known:
         raise invalid_option("NAME", f"there is no edit named '{name}'", f"Choose one of {', '.join(known)}.", name)
     if arguments.number is not None:
-        if name not in _MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
+        if name not in MANY.values() or not 1 <= arguments.number <= len(getattr(edits, name)):
             fix = f"`v3studio edit list {shlex.quote(str(arguments.take))}` shows the numbers."
             raise invalid_option("NUMBER", f"there is no {singular(name)} {arguments.number}", fix, arguments.number)
         new = edits.without(name, arguments.number - 1)
@@ -330,7 +326,7 @@ def _remove(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
     elif name == "all":
         change_edits(take.edits, EditList(), "all edits removed", edits)
     elif not getattr(edits, name):
-        missing = f"are no {name}" if name in _MANY.values() else f"is no {name} edit"
+        missing = f"are no {name}" if name in MANY.values() else f"is no {name} edit"
         return f"nothing to remove: there {missing}"
     else:
         change_edits(take.edits, edits.without(name), f"{name} removed", edits)
@@ -358,14 +354,14 @@ def _checked(before: EditList, name: str, value: object) -> EditList:
     """The edits with one of them changed; arguments as in `_change`."""
     from pydantic import ValidationError
 
-    from v3studio.pipelines.takes.authored.edits import singular
+    from v3studio.pipelines.takes.authored.edits import MANY, singular
     from v3studio.studio.edits.edit_list import EditList
 
     try:
         return EditList.model_validate(before.model_dump(mode="json") | {name: value})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(part for part in first["loc"] if isinstance(part, str) and part not in _MANY.values()) or name
+        where = ".".join(part for part in first["loc"] if isinstance(part, str) and part not in MANY.values()) or name
         given = None if isinstance(first["input"], dict | list | tuple) else first["input"]
         problem = f"{where}{'' if given is None else f' = {given}'} {violation(first)}"
         fix = f"`v3studio edit {singular(name)} --help` shows what is possible."

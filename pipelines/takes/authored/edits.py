@@ -36,6 +36,9 @@ EDITS_FORMAT = 1  # version of edits.json
 MOST_STEPS = 50  # changes that can be undone
 MAX_FILE_BYTES = 16_000_000  # larger files are refused; the oldest changes are forgotten before a file gets this large
 
+MANY = {"region": "regions", "detail": "details", "mask": "masks"}
+"""Edits of which there may be several: the name of one, and of all."""
+
 _KEPT_BYTES = 4_000_000
 _SHOW = "See the edits that there are with `v3studio edit list TAKE`."
 
@@ -184,7 +187,7 @@ def describe(edits: EditList, frame: Similarity | None = None) -> dict[str, str]
 def singular(name: str) -> str:
     """A kind of edit, or a name of `describe`, as people say it: "region 1" for "regions 1"."""
     kind, space, number = name.partition(" ")
-    return f"{kind.removesuffix('s') if kind in ('regions', 'details', 'masks') else kind}{space}{number}"
+    return f"{kind.removesuffix('s') if kind in MANY.values() else kind}{space}{number}"
 
 
 def words_of(
