@@ -161,7 +161,7 @@ GUI = (
 STUDIO = (
     "playback", "comparison", "perceptual", "formats", "edits", "scenery", "training", "card", "meshing", "stream",
     "rasterizer", "splat_video", "calibration", "camera_files", "footage", "masks", "audio", "capture", "storage",
-    "gaussians", "coverage", "own_frame", "similarity", "cameras", "rotations", "torch_rotations", "metrics",
+    "gaussians", "own_frame", "similarity", "cameras", "lenses", "rotations", "torch_rotations", "metrics",
     "color_fit", "chroma", "dilation", "settings", "yaml_text", "bounded_files", "atomic_files", "memory",
     "memory_cache", "process", "progress", "validation", "counts", "errors", "json_types",
 )  # fmt: skip

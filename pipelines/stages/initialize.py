@@ -156,7 +156,7 @@ def _make(plan: InitializePlan, group: Group, reporter: StageReporter, start: fl
 
 def _tell_coverage(footage: Footage, reporter: StageReporter, points: np.ndarray, normals: np.ndarray) -> None:
     """Log how well the training cameras cover the performer, and warn of gaps."""
-    from v3studio.studio.coverage import LARGEST_GAPS, coverage
+    from v3studio.studio.calibration.coverage import LARGEST_GAPS, coverage
 
     gaps = coverage([footage.rig[name] for name in footage.train_cameras], points, normals, footage.rig.up)
     if gaps is None:

@@ -16,8 +16,9 @@ import numpy as np
 from v3studio.studio.bounded_files import read_bounded
 from v3studio.studio.camera_files.common import camera_names, check_expressible, read_text, unreadable, write_atomic
 from v3studio.studio.camera_files.common.camera_file import CameraFile
-from v3studio.studio.cameras import THIN_PRISM, Camera, Rig
+from v3studio.studio.cameras import Camera, Rig
 from v3studio.studio.errors import StudioError, naming
+from v3studio.studio.lenses import THIN_PRISM
 from v3studio.studio.rotations import matrices_to_quats, quats_to_matrices
 
 # name -> (id in the binary format, number of parameters)

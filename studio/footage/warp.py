@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from v3studio.studio.cameras import Camera, distorted
+from v3studio.studio.cameras import Camera
+from v3studio.studio.lenses import distorted
 from v3studio.studio.validation import camera_error
 
 

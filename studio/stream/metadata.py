@@ -9,8 +9,8 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from v3studio.studio.calibration.coverage import ViewRange
 from v3studio.studio.cameras import Camera
-from v3studio.studio.coverage import ViewRange
 from v3studio.studio.errors import plain_text
 from v3studio.studio.json_types import JsonObject
 from v3studio.studio.similarity import Similarity

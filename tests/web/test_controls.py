@@ -10,7 +10,7 @@ import support
 from driver import Baked, OpenPage, Page, Site
 
 from tests.support.streams import edit_manifest
-from v3studio.studio.coverage import view_range
+from v3studio.studio.calibration.coverage import view_range
 
 pytestmark = pytest.mark.web
 

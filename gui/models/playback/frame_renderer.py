@@ -22,9 +22,9 @@ from v3studio.gui.models.scene.orbit import OrbitCamera
 from v3studio.gui.models.scene.reader import SceneReader
 from v3studio.gui.models.scene.render import Place, render_scene
 from v3studio.gui.models.stages import performer_over
+from v3studio.studio.calibration.coverage import ViewRange
 from v3studio.studio.cameras import Camera
 from v3studio.studio.comparison import lit
-from v3studio.studio.coverage import ViewRange
 from v3studio.studio.errors import StudioError
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.memory_cache import MemoryCache

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from v3studio.gui.drawing.compare import What
 from v3studio.pipelines.takes.results.videos import capture_place
-from v3studio.studio.coverage import ViewRange
+from v3studio.studio.calibration.coverage import ViewRange
 from v3studio.studio.formats.rigid_motion import placed
 from v3studio.studio.gaussians import Gaussians
 from v3studio.studio.memory_cache import MemoryCache

@@ -10,8 +10,8 @@ import numpy as np
 from v3studio.gui.drawing.palette import BAD, FAIR, GOOD, GROUND, RGB
 from v3studio.gui.models.scene.contents import Cloud
 from v3studio.gui.models.take.inspector import Block
+from v3studio.studio.calibration.coverage import FADE, LARGEST_GAPS, ViewRange, facing_cameras, gaps, view_range
 from v3studio.studio.cameras import Rig
-from v3studio.studio.coverage import FADE, LARGEST_GAPS, ViewRange, facing_cameras, gaps, view_range
 
 FEW_CAMERAS = (
     "Few cameras: views from the directions that are not covered will be poor, and players fade them out. Add cameras "

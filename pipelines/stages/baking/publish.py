@@ -92,7 +92,7 @@ def _sound(footage: Footage, trim: Trim | None, folder: Path, reporter: StageRep
 def _metadata(plan: BakePlan, entries: Sequence[GroupEntry], notes: Sequence[BakedGroupNote]) -> StreamMetadata:
     """Make the metadata, the same for identical takes, which bake to identical bytes. The first view is from the first
     training camera: the footage does not show where the front is, and held-out cameras are chosen for other reasons."""
-    from v3studio.studio.coverage import view_range
+    from v3studio.studio.calibration.coverage import view_range
     from v3studio.studio.stream import StreamMetadata
     from v3studio.studio.stream.metadata import CapturePlace
     from v3studio.studio.stream.suggested_view import suggested_view

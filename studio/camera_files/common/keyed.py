@@ -16,9 +16,10 @@ import numpy as np
 
 from v3studio.studio.camera_files.common import check_pose, no_cameras, rigid_inverse, wrong_shape
 from v3studio.studio.camera_files.common.nearby import size_nearby
-from v3studio.studio.cameras import THIN_PRISM, Camera, Rig, duplicate_name
+from v3studio.studio.cameras import Camera, Rig, duplicate_name
 from v3studio.studio.counts import cameras_listed, listed
 from v3studio.studio.errors import StudioError
+from v3studio.studio.lenses import THIN_PRISM
 from v3studio.studio.validation import array, camera_error, check_finite, missing_key, number, whole
 
 KEYS = {

@@ -5,8 +5,8 @@ from tests.support.rigs import camera_at
 from v3studio.gui.drawing.compare import mean_difference
 from v3studio.gui.models.playback.frame_renderer import faded
 from v3studio.gui.models.playback.image_zoom import ImageZoom
+from v3studio.studio.calibration.coverage import view_range
 from v3studio.studio.cameras import Camera
-from v3studio.studio.coverage import view_range
 
 
 def camera() -> Camera:

@@ -9,8 +9,8 @@ from tests.support.tiny_capture import run_take, settings_in
 from v3studio.pipelines.events import Warned
 from v3studio.pipelines.runs.runner import status
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.calibration.coverage import ViewRange
 from v3studio.studio.camera_files import read_rig
-from v3studio.studio.coverage import ViewRange
 
 
 def test_the_stream_has_the_directions_of_the_training_cameras(copied: Path, take: Take) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.rigs import camera_at
-from v3studio.studio.coverage import ViewRange, coverage, facing_cameras, view_range
+from v3studio.studio.calibration.coverage import ViewRange, coverage, facing_cameras, view_range
 
 UP = np.array([0.0, 0.0, 1.0])
 
