@@ -11,17 +11,13 @@ import { parseManifest, type Rendition } from "../src/stream/manifest.ts";
 import { MotionTables } from "../src/stream/motion.ts";
 import { inflate, parseSideFile, type SideFile } from "../src/stream/side_file.ts";
 import { Pool } from "../src/worker/pool.ts";
-import { dequantize, splatArrays } from "../src/worker/splats.ts";
+import { splatsOf } from "../src/worker/splats.ts";
 
 const folder = process.env["V3_FIXTURES"] ?? join(import.meta.dirname, "build", "fixtures");
 const bytes = (name: string): Uint8Array<ArrayBuffer> => new Uint8Array(readFileSync(join(folder, name)));
 
 function frame(group: Rendition, side: SideFile, luma: Uint8Array): Record<string, number[]> {
-  const tables = new MotionTables(group, side);
-  const blocks = tables.blocks(1);
-  const out = splatArrays(new Pool(), group.splats, group.sh_degree);
-  tables.positions(1, luma, blocks, out.means);
-  dequantize(group, tables, 1, luma, blocks, out);
+  const out = splatsOf(new MotionTables(group, side), 1, luma, new Pool());
   return Object.fromEntries(Object.entries(out).map(([name, array]) => [name, Array.from(array as Float32Array)]));
 }
 

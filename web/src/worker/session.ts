@@ -11,7 +11,7 @@ import { Pool } from "./pool.ts";
 import { type Prepared, PreparedGroups } from "./prepared_groups.ts";
 import { RateRule } from "./rate_rule.ts";
 import { EmbeddedSource, readChecked, type Source } from "./source.ts";
-import { dequantize, splatArrays } from "./splats.ts";
+import { splatsOf } from "./splats.ts";
 import { GroupStore } from "./store.ts";
 import { SetOfStream } from "./set.ts";
 import { StreamFiles } from "./stream_files.ts";
@@ -219,10 +219,7 @@ export class Session {
 
   private deliverSplats({ group, tables }: Prepared, frame: number, within: number, luma: Uint8Array<ArrayBuffer>): void {
     const { splats: count, sh_degree: shDegree, id: rendition, dilation } = group;
-    const arrays = splatArrays(this.pool, count, shDegree);
-    const blocks = tables.blocks(within);
-    tables.positions(within, luma, blocks, arrays.means);
-    dequantize(group, tables, within, luma, blocks, arrays);
+    const arrays = splatsOf(tables, within, luma, this.pool);
     this.pool.give(luma);
     this.report("splats", { frame, group: group.index, rendition, count, shDegree, dilation, ...arrays }, [arrays.means.buffer]);
   }

@@ -8,7 +8,7 @@ import type { Report, SplatArrays } from "./messages.ts";
 import type { Pool } from "./pool.ts";
 import type { PreparedGroups } from "./prepared_groups.ts";
 import { readChecked } from "./source.ts";
-import { dequantize, splatArrays } from "./splats.ts";
+import { splatsOf } from "./splats.ts";
 import type { StreamFiles } from "./stream_files.ts";
 
 /** The order of the arrays, and the numbers of a splat of SH degree 0. */
@@ -72,11 +72,7 @@ export class SetOfStream {
     const { tables, pictures } = await this.groups.prepare({ group: part, files, complete: Promise.resolve() });
     try {
       const { data: luma } = await pictures.get(0);
-      const arrays = splatArrays(this.pool, part.splats, 0);
-      const blocks = tables.blocks(0);
-      tables.positions(0, luma, blocks, arrays.means);
-      dequantize(part, tables, 0, luma, blocks, arrays);
-      return arrays;
+      return splatsOf(tables, 0, luma, this.pool);
     } finally {
       pictures.close();
     }

@@ -1,13 +1,22 @@
 /** Dequantizes all of a frame's splats, for engines that take arrays; the player's own shaders read the image instead. */
 
 import { attributeNames, tileCorner, tilesOf, unitsOf } from "../stream/layout.ts";
-import type { Rendition } from "../stream/manifest.ts";
 import { BLOCK_FLOATS, type MotionTables } from "../stream/motion.ts";
 import type { SplatArrays } from "./messages.ts";
 import type { Pool } from "./pool.ts";
 
+/** The splats of a frame. `within`: frame within the group. `luma`: the decoded image. */
+export function splatsOf(tables: MotionTables, within: number, luma: Uint8Array, pool: Pool): SplatArrays {
+  const { splats, sh_degree: shDegree } = tables.group;
+  const out = splatArrays(pool, splats, shDegree);
+  const blocks = tables.blocks(within);
+  tables.positions(within, luma, blocks, out.means);
+  dequantize(tables, within, luma, blocks, out);
+  return out;
+}
+
 /** Arrays for a frame's splats, one after the other in a buffer. */
-export function splatArrays(pool: Pool, count: number, shDegree: number): SplatArrays {
+function splatArrays(pool: Pool, count: number, shDegree: number): SplatArrays {
   const lengths = { means: 3, sh: 3 * (shDegree + 1) ** 2, opacities: 1, scales: 3, quats: 4 };
   const { buffer } = pool.take(4 * count * (lengths.sh + 11));
   let at = 0;
@@ -25,19 +34,11 @@ type Target = readonly [array: Float32Array, stride: number, first: number];
 const clamped = (value: number): number => Math.min(Math.max(value, 0), 1);
 const same = (value: number): number => value;
 
-/** Fills in everything but the means. `within`: frame within the group. `luma`: the decoded image. `blocks`: the frame's block
- * table. */
-export function dequantize(
-  group: Rendition,
-  tables: MotionTables,
-  within: number,
-  luma: Uint8Array,
-  blocks: Float32Array,
-  out: SplatArrays,
-): void {
+/** Fills in everything but the means. `blocks`: the frame's block table. */
+function dequantize(tables: MotionTables, within: number, luma: Uint8Array, blocks: Float32Array, out: SplatArrays): void {
+  const { group, offsets } = tables;
   const { splats: count, sh_degree: shDegree } = group;
   const units = unitsOf(group);
-  const { offsets } = tables;
   const { quats, scales, opacities, sh } = out;
   const tiles = tilesOf(shDegree);
   // By tile. Quaternions and scales hold the shapes until `findAxes`.
