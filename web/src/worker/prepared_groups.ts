@@ -2,7 +2,7 @@
 
 import { messageOf, StreamError } from "../stream/errors.ts";
 import { pictureSize } from "../stream/layout.ts";
-import type { Rendition, VideoEntry } from "../stream/manifest.ts";
+import type { Rendition } from "../stream/manifest.ts";
 import { MotionTables } from "../stream/motion.ts";
 import { readVideoIndex, type Sample, type VideoIndex } from "../stream/mp4.ts";
 import { inflate, parseSideFile } from "../stream/side_file.ts";
@@ -88,7 +88,7 @@ export class PreparedGroups {
     // While this thread reads the side file, others decompress and decode.
     const inflating = side.whole().then((data) => inflate(data, group.side.raw_bytes));
     inflating.catch(() => undefined);
-    const pictures = await this.openVideo(files, group.video, pictureSize(group), group.frame_count);
+    const pictures = await this.openVideo(files, group);
     if (this.path !== "video") pictures.warm();
     try {
       const tables = new MotionTables(group, parseSideFile(await inflating, group));
@@ -99,14 +99,11 @@ export class PreparedGroups {
     }
   }
 
-  private async openVideo(
-    files: Files,
-    { path, checks }: Pick<VideoEntry, "path" | "checks">,
-    size: readonly [number, number],
-    frames: number,
-  ): Promise<PictureSource> {
+  private async openVideo(files: Files, group: Rendition): Promise<PictureSource> {
+    const { path, checks } = group.video;
     const file = files.get(path)!;
-    const { config: stored, samples } = await checkedIndex(file, path, size, frames);
+    const size = pictureSize(group);
+    const { config: stored, samples } = await checkedIndex(file, path, size, group.frame_count);
     let pictures: PictureSource;
     if (this.path === "video") pictures = new VideoElementPictures(this.report, await file.whole(), samples, size, this.pool);
     else {

@@ -16,9 +16,9 @@ const ORDER = ["means", "quats", "scales", "opacities", "sh"] as const;
 const NUMBERS = 14;
 
 export class SetOfStream {
-  /** What has arrived, for orders; null while there is nothing, or it is not shown. */
+  shown = false;
+  /** What has arrived. */
   private sorted: SortedSet | null = null;
-  private shown_ = false;
   private brought = ""; // the files that were, or are being, fetched
 
   constructor(
@@ -29,19 +29,16 @@ export class SetOfStream {
     private readonly signal: AbortSignal,
   ) {}
 
+  /** For orders; null while there is nothing, or it is not shown. */
   get visible(): SortedSet | null {
-    return this.shown_ ? this.sorted : null;
-  }
-
-  set shown(shown: boolean) {
-    this.shown_ = shown;
+    return this.shown ? this.sorted : null;
   }
 
   /** Fetches the set of the manifest, unless that has been done or it is not shown. A failure is a notice to the viewer. */
   async bring(): Promise<void> {
     const { set } = this.files.manifest;
     const wanted = set.map(({ video }) => video.path).join();
-    if (!this.shown_ || wanted === this.brought) return;
+    if (!this.shown || wanted === this.brought) return;
     this.brought = wanted;
     const parts: SplatArrays[] = [];
     try {
