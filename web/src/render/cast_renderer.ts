@@ -101,19 +101,11 @@ export class CastRenderer extends Renderer {
       const program = resources.project(arraySplats(shDegree));
       gl.bindFramebuffer(gl.FRAMEBUFFER, resources.wordsFrame);
       program.use();
-      texture.bindTo(program, "values");
-      gl.uniform1iv(program.at("places[0]"), arrays.map(({ byteOffset }) => byteOffset / 4));
-      gl.uniform1i(program.at("count"), count);
       const inside = within(pinhole, place);
       const scale = dot(place.slice(0, 3) as unknown as Vector, place.slice(0, 3) as unknown as Vector);
       const eye = centerOf(inside).map((value) => value / scale) as unknown as Vector;
       this.setPinhole(program, inside, eye, splats.dilation);
-      const rows = Math.ceil(count / ORDER_WIDTH);
-      const top = this.first(k) / ORDER_WIDTH;
-      gl.viewport(0, top, ORDER_WIDTH, rows);
-      gl.uniform2i(program.at("layoutOf"), ORDER_WIDTH, 1);
-      gl.uniform2i(program.at("origin"), 0, top);
-      gl.drawArrays(gl.TRIANGLES, 0, 3);
+      this.projectArrays(program, texture, arrays.map(({ byteOffset }) => byteOffset / 4), count, this.first(k) / ORDER_WIDTH);
     });
     const axis = depthAxis(pinhole);
     if (this.axis !== axis.join()) {

@@ -340,12 +340,9 @@ export class Renderer {
     gl.uniform2f(program.at("lattice"), step, step / group.blocks.radius);
     this.setPinhole(program, pinhole, centerOf(pinhole), group.dilation);
     const tile = (luma: Texture, texels: Texture, side: number, top: number): void => {
-      gl.viewport(0, top, side, side);
       luma.bindTo(program, "luma");
       texels.bindTo(program, "statics");
-      gl.uniform2i(program.at("layoutOf"), side, group.columns);
-      gl.uniform2i(program.at("origin"), 0, top);
-      gl.drawArrays(gl.TRIANGLES, 0, 3);
+      this.drawWords(program, side, side, top, group.columns);
     };
     tile(resources.luma, resources.statics, group.tile, 0);
     if (escapedSide > 0) tile(resources.escapedLuma, resources.escapedStatics, escapedSide, group.tile);
@@ -363,13 +360,26 @@ export class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, resources.setFrame);
     const program = resources.project(arraySplats(0));
     program.use();
-    resources.set.bindTo(program, "values");
-    gl.uniform1iv(program.at("places[0]"), [0, 3 * count, 7 * count, 10 * count, 11 * count]);
-    gl.uniform1i(program.at("count"), count);
     this.setPinhole(program, pinhole, centerOf(pinhole), dilation);
-    gl.viewport(0, 0, ORDER_WIDTH, Math.ceil(count / ORDER_WIDTH));
-    gl.uniform2i(program.at("layoutOf"), ORDER_WIDTH, 1);
-    gl.uniform2i(program.at("origin"), 0, 0);
+    this.projectArrays(program, resources.set, [0, 3 * count, 7 * count, 10 * count, 11 * count], count, 0);
+  }
+
+  /** Projects splats that are in a texture as means, quats, scales, opacities and sh, each from its place on, into rows of
+   * words; `top`: the first of them. */
+  protected projectArrays(program: Program, values: Texture, places: readonly number[], count: number, top: number): void {
+    const { gl } = this;
+    values.bindTo(program, "values");
+    gl.uniform1iv(program.at("places[0]"), places);
+    gl.uniform1i(program.at("count"), count);
+    this.drawWords(program, ORDER_WIDTH, Math.ceil(count / ORDER_WIDTH), top, 1);
+  }
+
+  /** Fills a rectangle of words, `top` rows below the first ones. `columns`: of the tiles that the splats are in. */
+  private drawWords(program: Program, width: number, height: number, top: number, columns: number): void {
+    const { gl } = this;
+    gl.viewport(0, top, width, height);
+    gl.uniform2i(program.at("layoutOf"), width, columns);
+    gl.uniform2i(program.at("origin"), 0, top);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
