@@ -86,8 +86,11 @@ const viewed: Viewed = {
   },
   set view(view: PartialView) {
     camera.view = { ...camera.view, ...view };
+    screen.dirty = true;
   },
-  set fixedCamera(_: null) {},
+  set fixedCamera(_: null) {
+    screen.dirty = true; // the viewer has moved the camera
+  },
   get playing(): boolean {
     return clock.playing;
   },
@@ -95,18 +98,14 @@ const viewed: Viewed = {
   pause: () => clock.pause(),
 };
 page.begin(clock, viewed);
+const { ground } = cast;
+const disk: Lying[] = ground === null ? [] : [{ place: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], halves: [ground.radius, ground.radius], color: [...ground.color, 1], pixels: null }];
 let last = performance.now();
-let drawn = "";
 function tick(now: number): void {
   requestAnimationFrame(tick);
   clock.advance(Math.min(Math.max(now - last, 0), 250) / 1000);
   last = now;
   for (const { playback } of performers) playback.advance(now);
-  const view = JSON.stringify(camera.view);
-  if (view !== drawn) screen.dirty = true;
-  drawn = view;
-  const { ground } = cast;
-  const disk: Lying[] = ground === null ? [] : [{ place: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], halves: [ground.radius, ground.radius], color: [...ground.color, 1], pixels: null }];
   renderer.lying = [...disk, ...performers.flatMap(({ lying }) => lying ?? [])];
   screen.update(now, !clock.playing);
 }
