@@ -77,11 +77,18 @@ class Inputs:
         return self.opened(own_frame(read_rig(self.take.rig)).rig(read_rig(self.take.refined_rig)))
 
     @cached_property
+    def calibrated_sets(self) -> EmptySets:
+        """Return what is behind the performer in each camera of `calibrated_footage`."""
+        from v3studio.studio.footage import EmptySets
+
+        return EmptySets(self.calibrated_footage)
+
+    @cached_property
     def sets(self) -> EmptySets:
         """Return what is behind the performer in each camera of `trained_footage`."""
         from v3studio.studio.footage import EmptySets
 
-        return EmptySets(self.trained_footage)
+        return EmptySets(self.trained_footage) if self.take.refined_rig.is_file() else self.calibrated_sets
 
     @cached_property
     def scene(self) -> Gaussians | None:
@@ -106,7 +113,7 @@ class Inputs:
 
     def forget_cameras(self) -> None:
         """Reopen the footage on next access, after the cameras have changed."""
-        for name in ("calibrated_footage", "trained_footage", "sets"):
+        for name in ("calibrated_footage", "trained_footage", "calibrated_sets", "sets"):
             self.__dict__.pop(name, None)
 
     def seen_by_training(self) -> Params:

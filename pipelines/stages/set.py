@@ -24,8 +24,6 @@ from v3studio.studio.atomic_files import remove
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from v3studio.studio.footage import EmptySets
-
 STAGE = stage_named("set")
 
 
@@ -56,14 +54,13 @@ def units(inputs: Inputs) -> tuple[int, int, str] | None:
 
 def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> SetSummary:
     """Train the set from its plates, or say why there is none."""
-    from v3studio.studio.footage.empty_set import EmptySets, no_set
+    from v3studio.studio.footage.empty_set import no_set
 
-    take, footage = inputs.take, inputs.calibrated_footage
-    sets = EmptySets(footage)
+    take, footage, sets = inputs.take, inputs.calibrated_footage, inputs.calibrated_sets
     reporter.progress(0.0, "looking for images of the set")
     reason = "capture.set is none" if inputs.config.capture.set == "none" else no_set(footage, sets)
     if not reason:
-        return _train(inputs, sets, reporter, inputs.device if executor is None else "cpu")
+        return _train(inputs, reporter, inputs.device if executor is None else "cpu")
     reporter.log(f"no set: {reason}")
     reporter.check()  # before anything is replaced
     take.forget(STAGE.name)
@@ -72,7 +69,7 @@ def run(inputs: Inputs, reporter: StageReporter, executor: Executor | None) -> S
     return SetSummary(splats=0, reason=f"none: {reason}")
 
 
-def _train(inputs: Inputs, sets: EmptySets, reporter: StageReporter, device: str) -> SetSummary:
+def _train(inputs: Inputs, reporter: StageReporter, device: str) -> SetSummary:
     from v3studio.studio.scenery.depths import depth_maps
     from v3studio.studio.scenery.set_splats import first_points, plate_psnr, train_set
 
@@ -81,7 +78,7 @@ def _train(inputs: Inputs, sets: EmptySets, reporter: StageReporter, device: str
     plates = {}
     for number, camera in enumerate(cameras):
         reporter.progress(0.1 * number / len(cameras), f"the set in {camera.name}")
-        plate = sets.plate(camera.name)
+        plate = inputs.calibrated_sets.plate(camera.name)
         if plate is not None:
             plates[camera.name] = plate
     cameras = [camera for camera in cameras if camera.name in plates]

@@ -21,7 +21,9 @@ from v3studio.studio.rasterizer import rasterize
 
 if TYPE_CHECKING:
     from v3studio.pipelines.stages.inputs import Inputs
-    from v3studio.studio.cameras import FootageView
+    from v3studio.studio.cameras import FootageView, Rig
+    from v3studio.studio.capture.settings import DifferenceSettings
+    from v3studio.studio.footage import EmptySets
     from v3studio.studio.gaussians import Gaussians
 
 _OPAQUE = 0.9  # alpha from which splats of the set hide what is behind them
@@ -30,18 +32,24 @@ _OPAQUE = 0.9  # alpha from which splats of the set hide what is behind them
 class SeenSets:
     """The set in each camera: its plate, given or estimated, and where that is not reliable, the splats of the set."""
 
-    def __init__(self, inputs: Inputs, scene: Gaussians, colors: Mapping[str, Tensor]) -> None:
-        self._sets, self._rig, self._settings = inputs.sets, inputs.trained_footage.rig, inputs.capture
+    def __init__(
+        self, sets: EmptySets, rig: Rig, settings: DifferenceSettings, scene: Gaussians, colors: Mapping[str, Tensor]
+    ) -> None:
+        self._sets, self._rig, self._settings = sets, rig, settings
         self._scene, self._colors, self._seen = scene, colors, background_cache()
 
     @classmethod
-    def of(cls, inputs: Inputs) -> SeenSets | None:
-        """The sets of a take; None without splats of the set. Raises StudioError: damage."""
+    def of(cls, inputs: Inputs, calibrated: bool = False) -> SeenSets | None:
+        """The sets of a take, in cameras as `calibrated`, or as splats are trained with; None without splats of the
+        set. Raises StudioError: damage."""
         scene = take_set(inputs.take)
         if scene is None:
             return None
+        footage = inputs.calibrated_footage if calibrated else inputs.trained_footage
+        sets = inputs.calibrated_sets if calibrated else inputs.sets
         colors = read_model(inputs.take.set_report, SetReport).colors
-        return cls(inputs, scene, {name: torch.tensor(matrix) for name, matrix in colors.items()})
+        matrices = {name: torch.tensor(matrix) for name, matrix in colors.items()}
+        return cls(sets, footage.rig, inputs.capture, scene, matrices)
 
     def doubting(self, view: FootageView) -> FootageView:
         """A view with its set as its plate, which says where its mask is doubted."""

@@ -59,7 +59,7 @@ class ViewReader:
             box=inputs.training_box,
             edits=EditList() if before_fits else inputs.edits,
             colors=read_camera_colors(inputs.take.camera_colors) if colored else {},
-            sets=SeenSets.of(inputs) if inputs.config.train.use_plates else None,
+            sets=SeenSets.of(inputs, before_fits) if inputs.config.train.use_plates else None,
         )
 
     def views(

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -20,6 +21,8 @@ from v3studio.pipelines.takes.files.json_files import write_model
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_about, write_frame
 from v3studio.pipelines.takes.results.stage_files import SetReport
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio.camera_files import read_rig, write_rig
+from v3studio.studio.cameras import Rig
 from v3studio.studio.edits import DetailMark, EditList
 from v3studio.studio.footage import FootageView
 from v3studio.studio.training import TrainingView
@@ -102,3 +105,23 @@ def test_with_a_set_all_cameras_are_seen_before_it_and_frames_are_trained_again(
         assert view.doubted is not None
         assert view.doubted.shape == view.mask.shape
     assert all(view.plate is None for view in views_of(copied, "train.use_plates=false"))
+
+
+def test_cameras_are_fitted_before_the_set_as_calibrated_whatever_an_earlier_fit_left(copied: Path) -> None:
+    take = Take.open(copied / "take")
+    write_frame(take.set_splats, round_splats(torch.zeros(1, 3), log_scale=-1.0, opacity=0.99), FrameMetadata())
+    write_model(take.set_report, SetReport(splats=1))
+
+    def plates(before_fits: bool) -> list[np.ndarray]:
+        reader = ViewReader.of(Inputs(take, settings_in(copied)), before_fits=before_fits)
+        seen = [view.plate for view in reader.views(0, StageReporter("train"))]
+        return [plate.numpy() for plate in seen if plate is not None]
+
+    calibrated = plates(before_fits=True)
+    rig = read_rig(take.rig)
+    aside = np.array([[0, 0, 9], [0, 0, 0], [0, 0, 0]])
+    write_rig(Rig(tuple(replace(camera, K=camera.K + aside) for camera in rig), rig.notes), take.refined_rig)
+    assert len(calibrated) == 5
+    again, refined = plates(before_fits=True), plates(before_fits=False)
+    assert [np.array_equal(*pair) for pair in zip(again, calibrated, strict=True)] == [True] * 5
+    assert [np.array_equal(*pair) for pair in zip(refined, calibrated, strict=True)] == [False] * 5
