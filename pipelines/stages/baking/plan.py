@@ -1,8 +1,12 @@
 """Plans a bake: which groups the stream has, what each is made from, and which are baked already."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from v3studio.pipelines.stages import stage_named
 from v3studio.pipelines.stages.baking.rungs import RungTraining, finetuned_rungs
@@ -19,6 +23,9 @@ from v3studio.pipelines.takes.take import group_name
 from v3studio.studio.cameras import Camera
 from v3studio.studio.edits.edit_list import Trim
 from v3studio.studio.stream.attributes import VERSION
+
+if TYPE_CHECKING:
+    from v3studio.studio.stream import Rendition
 
 STAGE = stage_named("bake")
 
@@ -90,6 +97,14 @@ class BakePlan:
         self.parts = planned_parts(inputs)
         self.folder = inputs.take.work("bake") / "stream"
         self.training = RungTraining(inputs)
+
+    @cached_property
+    def baked_set(self) -> tuple[Rendition, ...]:
+        """The parts of the take's set, baked into the work folder; empty if there is no set. Raises StudioError."""
+        from v3studio.studio.stream import bake_set
+
+        splats = self.inputs.scene
+        return () if splats is None else bake_set(splats, self.folder, self.inputs.config.bake)
 
     def of_group(self, group: Group) -> list[Part]:
         """The parts of a trained group."""

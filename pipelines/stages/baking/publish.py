@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from v3studio.studio.edits.edit_list import Trim
     from v3studio.studio.footage import Footage
-    from v3studio.studio.stream import AudioEntry, GroupEntry, Manifest, Rendition, StreamMetadata
+    from v3studio.studio.stream import AudioEntry, GroupEntry, Manifest, StreamMetadata
 
 SHORT_SOUND = 0.05  # seconds of silence at an end of the sound that a warning reports
 
@@ -37,26 +37,14 @@ def publish(plan: BakePlan, notes: Sequence[BakedGroupNote], live: bool, reporte
     for note in notes:
         for path, digest in note.digests.items():
             _put(plan, path, digest)
-    behind = _set(plan)
+    for file in (file for part in plan.baked_set for file in part.files):
+        _put(plan, file.path, digest_of_file(plan.folder / file.path))
     audio = None if live else _sound(inputs.raw_footage, inputs.edits.trim, plan.folder, reporter)
     if audio is not None:
         _put(plan, audio.path, digest_of_file(plan.folder / audio.path))
     fps, settings = inputs.trained_footage.fps, inputs.config.bake
     metadata = _metadata(plan, entries, notes).to_json()
-    return write_manifest(stream, entries, fps, settings, metadata, live=live, audio=audio, behind=behind)
-
-
-def _set(plan: BakePlan) -> tuple[Rendition, ...]:
-    """Bake the take's set; empty if it has none."""
-    from v3studio.studio.stream import bake_set
-
-    splats = plan.inputs.scene
-    if splats is None:
-        return ()
-    behind = bake_set(splats, plan.folder, plan.inputs.config.bake)
-    for file in (file for part in behind for file in part.files):
-        _put(plan, file.path, digest_of_file(plan.folder / file.path))
-    return behind
+    return write_manifest(stream, entries, fps, settings, metadata, live=live, audio=audio, behind=plan.baked_set)
 
 
 def _put(plan: BakePlan, path: str, digest: str) -> None:

@@ -3,6 +3,7 @@ import shutil
 import sys
 import types
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -19,6 +20,7 @@ from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.pipelines.stages.reporter import StageReporter
 from v3studio.pipelines.takes.frames.frame_files import FrameMetadata, read_frame, write_frame
 from v3studio.pipelines.takes.take import Take
+from v3studio.studio import stream
 from v3studio.studio.errors import Cancelled, StudioError
 from v3studio.studio.stream import StreamReader, check_stream
 
@@ -81,6 +83,24 @@ def test_groups_are_published_as_they_are_finished(take: Take, published: list[G
             assert reader.frame_count in (3, 5)
     assert published == [([1], True), ([1, 2], True), ([1, 2, 2], False)]
     with StreamReader.open(take.stream) as reader:
+        assert not check_stream(reader).damage
+
+
+def test_its_set_is_baked_once(take: Take, published: list[Groups], monkeypatch: pytest.MonkeyPatch) -> None:
+    write_frame(take.set_splats, read_frame(take.trained_frame(0, 0)), FrameMetadata())
+    baked, bake_set = [], stream.bake_set
+
+    def counted(*arguments: Any) -> tuple[stream.Rendition, ...]:
+        baked.append(arguments)
+        return bake_set(*arguments)
+
+    monkeypatch.setattr(stream, "bake_set", counted)
+    with live(take, {0, 1}):
+        pass
+    assert published == [([3], True), ([3, 2], False)]
+    assert len(baked) == 1
+    with StreamReader.open(take.stream) as reader:
+        assert reader.set_splats() is not None
         assert not check_stream(reader).damage
 
 
