@@ -223,7 +223,6 @@ def _files_of(take: Take, records: list[StageRecord]) -> list[Path]:
     files = [take.root / "take.json", take.edits, take.garbage, take.rig, take.refined_rig, take.calibration_report]
     files += [take.record(record.stage) for record in records]
     files += [take.root / name for record in records for name in record.files]
-    files += sorted(take.work("bake").glob("group_*.json"))
     return [path for path in files if path.is_file()]
 
 
