@@ -64,16 +64,17 @@ def depth_maps(
         # without slopes of light, which correlate wherever they are
         grays.append(gray - cv2.GaussianBlur(gray, (0, 0), _SLOPES) + 256)
     depths = []
+    neighbors = [_neighbors(small, index, middle) for index in range(len(small))]
     for index, camera in enumerate(small):
         progress(index, len(small))
         far = max(float((middle - camera.center) @ camera.forward), least, 1e-6)
         inverse = np.linspace(1 / (_NEAREST * far), 1 / (_FARTHEST * far), _DEPTHS, dtype=np.float32)
-        others = _neighbors(small, index, middle)
-        cost = _sweep(camera, grays[index], [(small[other], grays[other]) for other in others], 1 / inverse)
+        others = [(small[other], grays[other]) for other in neighbors[index]]
+        cost = _sweep(camera, grays[index], others, 1 / inverse)
         cost += (_AIR * np.linspace(1, 0, _DEPTHS, dtype=np.float32))[:, None, None]
         depths.append(1 / inverse[_aggregated(cost).argmin(0)])
     return [
-        DepthMap(camera, depth, _agreed(small, depths, index, _neighbors(small, index, middle)))
+        DepthMap(camera, depth, _agreed(small, depths, index, neighbors[index]))
         for index, (camera, depth) in enumerate(zip(small, depths, strict=True))
     ]
 
