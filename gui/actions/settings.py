@@ -35,7 +35,7 @@ class SettingRequests:
         """Set the setting that fixes a warning, or show what people must look at: it, or a mask."""
         if fix.camera:
             self._views.select("capture")
-            self._views.capture.wanted.emit(fix.camera, fix.frame)
+            self._views.show_mask(fix.camera, fix.frame)
             return
         with self._notices.reporting("setting"):
             if fix.sets and not fix.done:

@@ -52,7 +52,7 @@ class StageViews:
         }
         for stage in TITLES.keys() - self.stage_views.keys() - {"review"}:
             self.stage_views[stage] = StageView(workspace, stage)
-        self.capture.wanted.connect(self._show_mask)
+        self.capture.wanted.connect(self.show_mask)
         self.points = PointsView(workspace)
         views = (self.points, CameraColorsView(workspace))
         self._by_mode: dict[str, StageView] = {mode: view for view in views for mode in view.modes}
@@ -345,7 +345,7 @@ class StageViews:
         self.capture.garbage.leave()
         self.capture.camera = "" if toggle and self.capture.camera == camera else camera
 
-    def _show_mask(self, camera: str, frame: int) -> None:
+    def show_mask(self, camera: str, frame: int) -> None:
         """Show the mask of a camera in a frame, by its number."""
         self.show_alone(camera, toggle=False)
         self.capture.mode = ViewMode.MASKS
