@@ -77,14 +77,18 @@ def fix_of(notice: Notice | None, config: Config | None) -> Fix | None:
         return None
     value = "none" if notice.code == "coverage.gaps" else notice.fields.get(_SUGGESTED.get(notice.code, ""))
     if value is None:
-        fields = notice.fields if notice.code in _OF_MASKS else {}
-        camera, frame = _first(fields, "camera"), _first(fields, "frame")
-        return Fix(setting, camera=str(camera or ""), frame=frame if camera and isinstance(frame, int) else -1)
+        camera, frame = mask_of(notice.fields) if notice.code in _OF_MASKS else ("", -1)
+        return Fix(setting, camera=camera, frame=frame)
     known = cast(JsonValue, value)
     return Fix(setting, known, sets=True, done=setting_value(config, setting) == known)
 
 
-def _first(fields: Mapping[str, JsonData], kind: str) -> JsonData:
-    """The camera or frame that a warning names, or the first of several."""
-    several = fields.get(f"{kind}s")
-    return fields.get(kind) if kind in fields else several[0] if isinstance(several, list) and several else None
+def mask_of(fields: Mapping[str, JsonData]) -> tuple[str, int]:
+    """The camera and the number of the frame that a message names, or the first of several; "" and -1 without them."""
+
+    def first(kind: str) -> JsonData:
+        several = fields.get(f"{kind}s")
+        return several[0] if isinstance(several, list | tuple) and several else fields.get(kind)
+
+    camera, frame = first("camera"), first("frame")
+    return str(camera or ""), frame if camera and isinstance(frame, int) else -1

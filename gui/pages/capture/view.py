@@ -19,6 +19,7 @@ from v3studio.gui.models.loop import LOOP, Signal
 from v3studio.gui.models.playback.image_zoom import Magnifier
 from v3studio.gui.models.stages import Inputs
 from v3studio.gui.models.take.inspector import Block
+from v3studio.gui.models.take.remedies import mask_of
 from v3studio.gui.models.take.workspace import Workspace, modified
 from v3studio.gui.models.worker import Done, LatestWorker
 from v3studio.gui.pages.capture.garbage_drawing import GarbageDrawing, draw_garbage
@@ -374,10 +375,8 @@ class Problem:
 
     @classmethod
     def of(cls, message: Message) -> Problem:
-        frames = message.fields.get("frames")
-        frame = frames[0] if isinstance(frames, list | tuple) and frames else message.fields.get("frame")
-        where = (str(message.fields.get("camera", "")), frame) if isinstance(frame, int) else ("", -1)
-        return cls(str(message), *where)
+        camera, frame = mask_of(message.fields)
+        return cls(str(message), camera if frame >= 0 else "", frame)
 
 
 class FootageCheck:
