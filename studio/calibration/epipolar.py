@@ -14,7 +14,7 @@ import numpy as np
 from v3studio.studio.cameras import Camera
 from v3studio.studio.progress import ProgressFn, no_progress
 
-_LONGEST = 960  # images are reduced to this many pixels on their longer side
+LONGEST = 960  # images are reduced to this many pixels on their longer side
 _FEATURES, _STRONGEST = 1200, 300
 """Features per image, and those with which pairs of images are found that show the same."""
 _PARTNERS = 5  # images with which each is matched
@@ -64,7 +64,7 @@ def match_images(images: Mapping[str, np.ndarray], *, progress: ProgressFn = no_
 def _features(image: np.ndarray) -> _Features:
     import cv2
 
-    scale = min(1.0, _LONGEST / max(image.shape[:2]))
+    scale = min(1.0, LONGEST / max(image.shape[:2]))
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

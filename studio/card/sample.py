@@ -7,16 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
+from v3studio.studio.calibration.epipolar import LONGEST
 from v3studio.studio.calibration.outlines import Outlines, outline
 from v3studio.studio.errors import StudioError
 from v3studio.studio.footage import Footage
+from v3studio.studio.masks.filters import reduced, reduced_size
 from v3studio.studio.masks.mask_files import FileMaskSource
 from v3studio.studio.masks.mask_source import FullMaskSource, MissingMaskSource, masked_cameras
 from v3studio.studio.progress import ProgressFn
 
 _PIXELS, _FEWEST, _MOST = 180e6, 12, 24  # of all images that are read; frames at least and at most
 _SMALL = 320  # pixels along the longer side of the images that are compared with others of their camera
-_LONGEST = 960  # the same of those that are matched with other cameras: matching looks at no more
 
 
 @dataclass(eq=False)
@@ -50,13 +51,13 @@ class Sample:
         if frame not in self._wanted:
             return
         seen = self._seen[camera]
-        reduced, size = _reduced(image, _LONGEST), _size(image, _SMALL)
-        small = cv2.resize(cv2.cvtColor(reduced, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
+        size, image = reduced_size(image, _SMALL), reduced(image, LONGEST)
+        small = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
         seen.small.append(small)
         if frame == self.shown:
-            seen.image = reduced
+            seen.image = image
         if mask is not None:
-            mask = _reduced(mask, _LONGEST)
+            mask = reduced(mask, LONGEST)
             seen.masks.append(cv2.resize(mask, size, interpolation=cv2.INTER_AREA))
             seen.hulls.append(outline(mask))
             if frame == self.shown:
@@ -109,18 +110,6 @@ def read_sample(footage: Footage, progress: ProgressFn, computed: bool = True) -
                     mask = footage.mask(name, frame)
             sample.see(name, frame, image, mask)
     return sample
-
-
-def _size(image: np.ndarray, longest: int) -> tuple[int, int]:
-    factor = min(1.0, longest / max(image.shape[:2]))
-    return max(1, round(factor * image.shape[1])), max(1, round(factor * image.shape[0]))
-
-
-def _reduced(image: np.ndarray, longest: int) -> np.ndarray:
-    import cv2
-
-    size = _size(image, longest)
-    return image if size == image.shape[1::-1] else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _windows(frames: tuple[int, ...], count: int) -> tuple[tuple[int, ...], tuple[slice, ...]]:

@@ -9,12 +9,15 @@ def reduced(image: np.ndarray, side: int) -> np.ndarray:
     """An image (H, W, ...) that is at most `side` pixels long, of the same aspect ratio; itself if it is smaller."""
     import cv2
 
+    size = reduced_size(image, side)
+    return image if size == image.shape[1::-1] else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def reduced_size(image: np.ndarray, side: int) -> tuple[int, int]:
+    """Width and height of a `reduced` image."""
     height, width = image.shape[:2]
     shrink = min(1.0, side / max(height, width))
-    if shrink == 1.0:
-        return image
-    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    return max(1, round(width * shrink)), max(1, round(height * shrink))
 
 
 def largest_channel(image: np.ndarray) -> np.ndarray:
