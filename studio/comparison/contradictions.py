@@ -25,7 +25,7 @@ from v3studio.studio.capture.settings import DifferenceSettings
 from v3studio.studio.comparison.view_pair import Behind
 from v3studio.studio.masks.agreement.vote import heard
 from v3studio.studio.masks.clean_plate import difference_evidence, match_exposure
-from v3studio.studio.masks.filters import reduced
+from v3studio.studio.masks.filters import largest_channel, reduced, touching
 
 if TYPE_CHECKING:
     from v3studio.studio.cameras import Camera, FootageView
@@ -109,7 +109,7 @@ def doubted(image: np.ndarray, mask: np.ndarray, plate: np.ndarray, settings: Di
     import cv2
 
     odds, ours = difference_odds(image, plate, settings), reduced(mask, _SIDE) > 127
-    area = _touching(_opened((odds > _DIFFERENT) & ~ours), ours) | _opened((odds < _EQUAL) & ours)
+    area = _reached(_opened((odds > _DIFFERENT) & ~ours), ours) | _opened((odds < _EQUAL) & ours)
     return cv2.resize(area.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
 
 
@@ -223,8 +223,8 @@ def _parts(frame: int, views: Mapping[str, CheckedView], neighbors: Sequence[Map
         if not by_set:
             areas[False] = lost[camera]
         for sure, area in areas.items():
-            reached = _touching(area, view.mask)
-            parts.append(_Part(frame, camera, "missing", reached, int((view.mask | reached).sum()), sure))
+            lacks = _reached(area, view.mask)
+            parts.append(_Part(frame, camera, "missing", lacks, int((view.mask | lacks).sum()), sure))
         parts.append(_Part(frame, camera, "extra", kept[camera], int(view.mask.sum()), by_set))
     return parts
 
@@ -234,19 +234,17 @@ def _flickers(view: CheckedView, neighbors: Sequence[CheckedView]) -> np.ndarray
     not changed; but not where the image equals the set."""
     lacks = np.zeros_like(view.mask)
     for other in neighbors:
-        lacks |= other.mask & (abs(other.image - view.image).max(axis=2) <= _UNCHANGED)
+        lacks |= other.mask & (largest_channel(abs(other.image - view.image)) <= _UNCHANGED)
     if len(neighbors) == 2:
         lacks |= neighbors[0].mask & neighbors[1].mask
     return _opened(lacks & ~view.mask & ((view.odds > _EQUAL) | (not view.knows_set)))
 
 
-def _touching(area: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _reached(area: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The parts of an area (h, w) bool that a mask (h, w) bool reaches."""
     import cv2
 
-    _, labels = cv2.connectedComponents(area.astype(np.uint8))
-    reached = np.unique(labels[area & (cv2.dilate(mask.astype(np.uint8), _disc(area.shape)) > 0)])
-    return area & np.isin(labels, reached)
+    return touching(area, cv2.dilate(mask.astype(np.uint8), _disc(area.shape)) > 0)
 
 
 def _opened(area: np.ndarray) -> np.ndarray:

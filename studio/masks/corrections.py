@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from v3studio.studio.cameras import Camera, Rig
-from v3studio.studio.masks.filters import reduced
+from v3studio.studio.masks.filters import largest_channel, reduced, touching
 from v3studio.studio.memory_cache import MemoryCache
 
 REACH = 5
@@ -288,8 +288,8 @@ def cut_part(image: np.ndarray, mask: np.ndarray, hints: Parts, likely: Parts | 
             cv2.grabCut(pixels, part, (0, 0, 1, 1), *models, 3, cv2.GC_INIT_WITH_MASK)
             result[place] = (part & 1) > 0
     result = (result | hints.added) & ~hints.removed
-    added = _touching(result & ~before, hints.added)
-    return Parts(added, _touching(before & ~result, hints.removed))
+    added = touching(result & ~before, hints.added)
+    return Parts(added, touching(before & ~result, hints.removed))
 
 
 def carried(image: np.ndarray, mask: np.ndarray, hints: Parts, most: Sequence[float]) -> Parts:
@@ -316,20 +316,13 @@ def _patch(image: np.ndarray, dot: np.ndarray) -> np.ndarray:
 
     if not dot.any():
         return dot
-    apart = np.abs(cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32) - np.median(image[dot], axis=0)).max(2)
+    blurred = cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32)
+    apart = largest_channel(np.abs(blurred - np.median(image[dot], axis=0)))
     for tolerance in (40, 28, 20, 14):
-        patch = _touching((apart < tolerance) | dot, dot)
+        patch = touching((apart < tolerance) | dot, dot)
         if patch.sum() < (_WINDOW * max(dot.shape)) ** 2:
             return patch
     return dot
-
-
-def _touching(part: np.ndarray, hint: np.ndarray) -> np.ndarray:
-    """The components of a part that touch a hint."""
-    import cv2
-
-    _, numbers = cv2.connectedComponents(part.astype(np.uint8))
-    return part & np.isin(numbers, numbers[hint & part])
 
 
 def _colors(image: np.ndarray, part: np.ndarray) -> np.ndarray:

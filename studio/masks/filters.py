@@ -104,6 +104,14 @@ def masked_mean(image: np.ndarray, mask: np.ndarray, sigma: float) -> tuple[np.n
     return total / np.maximum(weight, 1e-6)[..., None], weight
 
 
+def touching(area: np.ndarray, hint: np.ndarray) -> np.ndarray:
+    """The components of an area (H, W) bool that have pixels of a hint (H, W) bool."""
+    import cv2
+
+    _, labels = cv2.connectedComponents(area.astype(np.uint8))
+    return area & np.isin(labels, np.unique(labels[area & hint]))
+
+
 def keep_components(
     mask: np.ndarray,
     components: int | None,
