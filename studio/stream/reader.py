@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from v3studio.studio.errors import StudioError
@@ -194,16 +194,11 @@ class StreamReader:
     def set_splats(self) -> Gaussians | None:
         """The splats behind the performer in all frames, fetched and decoded now; None for a stream without them.
         StudioError if a file is missing or damaged."""
-        parts = self.manifest.set
-        if not parts:
-            return None
-        decoders = [self.open_group(part) for part in parts]
-        try:
-            decoded = [decoder.read().gaussians() for decoder in decoders]
-        finally:
-            for decoder in decoders:
-                decoder.close()
-        return Gaussians.cat(*decoded)
+        decoded = []
+        for part in self.manifest.set:
+            with closing(self.open_group(part)) as decoder:
+                decoded.append(decoder.read().gaussians())
+        return Gaussians.cat(*decoded) if decoded else None
 
     def audio_bytes(self) -> bytes:
         """The sound's file, an MP4 with one AAC track. StudioError: none (`stream.no_sound`), or it is damaged."""
