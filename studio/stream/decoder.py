@@ -1,9 +1,8 @@
 """Decoder of a group, the exact inverse of `encode.group`: one video and a side file to Gaussians."""
 
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
@@ -22,19 +21,6 @@ from v3studio.studio.stream.sources.source import damaged
 from v3studio.studio.stream.video import PlaneDecoder
 
 _KERNEL = ("means", "scales", "opacities", "sh")  # attributes whose channels `dequantize` reads, in its order
-
-
-@dataclass(frozen=True, eq=False)
-class DecodedFrame:
-    """One frame, decoded but not dequantized: what its video shows, (height, width) uint8, and what makes splats of
-    it."""
-
-    picture: np.ndarray
-    convert: Callable[[np.ndarray], Gaussians]
-
-    def gaussians(self) -> Gaussians:
-        """The splats in the stream's order (Morton order of the keyframe), float32 on the CPU. Thread safe."""
-        return self.convert(self.picture)
 
 
 class GroupTables:
@@ -130,6 +116,20 @@ class GroupTables:
         return values
 
 
+@dataclass(frozen=True, eq=False)
+class DecodedFrame:
+    """One frame, decoded but not dequantized: the tables of its group, its index there, and what its video shows,
+    (height, width) uint8."""
+
+    tables: GroupTables
+    index: int
+    picture: np.ndarray
+
+    def gaussians(self) -> Gaussians:
+        """The splats in the stream's order (Morton order of the keyframe), float32 on the CPU. Thread safe."""
+        return self.tables.gaussians(self.index, self.picture)
+
+
 class GroupDecoder:
     """Decodes the frames of one group in order; `next_frame`: index in the stream of the one that `read` returns.
 
@@ -160,7 +160,7 @@ class GroupDecoder:
         self._video.read(picture)
         check_luma(self.group.video, index, picture, self._name)
         self.next_frame += 1
-        return DecodedFrame(picture, partial(self._tables.gaussians, index))
+        return DecodedFrame(self._tables, index, picture)
 
     def close(self) -> None:
         """Release decoder and memory."""
