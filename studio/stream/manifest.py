@@ -155,14 +155,11 @@ class LumaCheck(Model):
     crc32: Annotated[int, Field(ge=0, lt=1 << 32)]
 
 
-Checks = Annotated[tuple[LumaCheck, ...], Field(min_length=1, max_length=2)]
-
-
 class VideoEntry(FileEntry):
     """The video: its QP (0 is lossless; informative), and checks of its first and a later image."""
 
     qp: Qp
-    checks: Checks
+    checks: Annotated[tuple[LumaCheck, ...], Field(min_length=1, max_length=2)]
 
 
 class SideEntry(FileEntry):

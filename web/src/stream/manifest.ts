@@ -172,14 +172,11 @@ function checkLumaChecks({ checks }: Pick<stored.VideoEntry, "checks">, frames: 
   });
 }
 
-function sameNames(found: readonly { readonly name: string }[], wanted: readonly string[]): boolean {
-  return found.length === wanted.length && found.every((entry, i) => entry.name === wanted[i]);
-}
-
 function checkTables(one: stored.Rendition, place: string): void {
   const { tile, columns, rows, channels, blocks, positions, splats } = one;
   if (tile !== tileSide(splats)) throw wrong(`${place}.tile`, `does not fit ${splats} splats`, tile);
-  if (!sameNames(channels, channelNames(one.sh_degree)))
+  const names = channelNames(one.sh_degree);
+  if (channels.length !== names.length || channels.some(({ name }, i) => name !== names[i]))
     throw wrong(`${place}.channels`, `do not match SH degree ${one.sh_degree}`);
   if (columns * rows < channels.length) throw wrong(place, `has ${columns} x ${rows} tiles for ${channels.length} channels`);
   if (Math.max(columns, rows) * tile > MAX_PICTURE) throw wrong(place, `has a picture larger than ${MAX_PICTURE} pixels on a side`);
