@@ -264,11 +264,8 @@ def _mask_check(plan: EvaluatePlan, measured: Sequence[MeasuredGroup], reporter:
             "cameras": sorted({each.camera for each in wrong}),
             "share": max(each.share for each in wrong),
         }
-        problem, fix = (
-            f"the masks contradict the footage: {' '.join(check.words)}",
-            "Correct the masks, and train again.",
-        )
-        reporter.warn(Message("evaluation.masks_contradicted", problem, fix=fix, fields=fields))
+        fix = "Correct the masks, and train again."
+        reporter.warn(Message("evaluation.masks_contradicted", check.words, fix=fix, fields=fields))
     return check
 
 

@@ -48,6 +48,7 @@ def test_masks_that_lost_a_part_are_named_everywhere(copied: Path, capsys: pytes
     assert after.summary.frames_contradicting_masks == 1
     warned = [event for event in events if isinstance(event, Warned)]
     assert [(event.code, event.fields["frames"]) for event in warned] == [("evaluation.masks_contradicted", [DAMAGED])]
+    assert warned[0].message.startswith(after.masks.words)
     old, new = before.frames[DAMAGED].measures, after.frames[DAMAGED].measures
     assert new["psnr_picture_decoded"] == pytest.approx(old["psnr_picture_decoded"], abs=0.5), "the picture is the same"
     assert abs(new["psnr_decoded"] - old["psnr_decoded"]) > 1, "the mask's own figures are not"
