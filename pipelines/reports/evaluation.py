@@ -61,11 +61,11 @@ def render_report(
     )
 
 
-def _card(take: Take) -> tuple[list[str], str] | None:
-    """The lines of the take's card, and its image as a data URI; None if it was not measured."""
+def _card(take: Take) -> tuple[StoredCard, str] | None:
+    """The take's card, and its image as a data URI; None if it was not measured."""
     if not (take.card.is_file() and take.card_picture.is_file()):
         return None
-    return read_model(take.card, StoredCard).lines, _data_uri(take.card_picture.read_bytes())
+    return read_model(take.card, StoredCard), _data_uri(take.card_picture.read_bytes())
 
 
 def _figures(evaluation: Evaluation) -> list[tuple[str, str]]:
