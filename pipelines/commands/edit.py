@@ -184,7 +184,8 @@ def _count(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
 
 
 def _trim(arguments: argparse.Namespace, take: Take, edits: EditList) -> str:
-    (start, stop, step), frames = arguments.frames, _frames(take)
+    (start, stop, step), footage = arguments.frames, _footage(take)
+    frames = () if footage is None else footage.frames
     if step != 1 or (None in (start, stop) and not frames):
         raise invalid_option("A:B", "the frames to keep have a beginning, an end and no step", "Example: 12:251.")
     first, last = frames[0] if start is None else start, frames[-1] if stop is None else stop - 1
@@ -378,9 +379,3 @@ def _footage(take: Take) -> Footage | None:
     with suppress(StudioError):
         return Inputs(take, load_config(take.config)).raw_footage
     return None
-
-
-def _frames(take: Take) -> tuple[int, ...]:
-    """The take's frames, by their numbers in the footage; none if it cannot be opened here."""
-    footage = _footage(take)
-    return () if footage is None else footage.frames
