@@ -57,7 +57,7 @@ ${barTemplate(words, `<div class="gap"></div>${button("reset", words.reset, ICON
     const motion = new Motion(this.stage, viewed, { tap: () => undefined, input: () => undefined, touched: () => this.hint.turned() });
     const toggle = (): void => (clock.playing ? clock.pause() : clock.play());
     const acts: Partial<Record<string, () => void>> = {
-      play: toggle, reset: () => motion.reset(), full: () => void (document.fullscreenElement === null ? host.requestFullscreen() : document.exitFullscreen()),
+      play: toggle, reset: () => motion.reset(), full: () => void this.toggleFull(),
     };
     const keys: Partial<Record<string, string>> = { " ": "play", k: "play", r: "reset", f: "full" };
     root.addEventListener("click", (event) => acts[(event.target as Element).closest<HTMLElement>("button")?.dataset["act"] ?? ""]?.());

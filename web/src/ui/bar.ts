@@ -1,6 +1,7 @@
-/** Behavior that the controls of a player and of a cast's page have in common: labels, notices, and hiding while nobody looks
- * for them. */
+/** Behavior that the controls of a player and of a cast's page have in common: labels, notices, full screen, and hiding while
+ * nobody looks for them. */
 
+import { messageOf } from "../stream/errors.ts";
 import { languageOf } from "./first_words.ts";
 import * as ICONS from "./icons.ts";
 import { inLanguage, type Words, wordsOf } from "./words.ts";
@@ -35,6 +36,15 @@ export abstract class Bar<Host extends HTMLElement = HTMLElement> {
     element.classList.add("shown");
     clearTimeout(this.noticeTimer);
     this.noticeTimer = window.setTimeout(() => element.classList.remove("shown"), NOTICE);
+  }
+
+  async toggleFull(): Promise<void> {
+    try {
+      if (document.fullscreenElement === this.host) await document.exitFullscreen();
+      else await this.host.requestFullscreen();
+    } catch (error) {
+      this.notice(this.words.unavailable(this.words.full, messageOf(error)));
+    }
   }
 
   protected clearTimers(): void {

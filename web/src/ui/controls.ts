@@ -297,15 +297,6 @@ export class Controls extends Bar<ControlsHost> {
     field.select();
   }
 
-  async toggleFull(): Promise<void> {
-    try {
-      if (document.fullscreenElement === this.host) await document.exitFullscreen();
-      else await this.host.requestFullscreen();
-    } catch (error) {
-      this.notice(this.words.unavailable(this.words.full, messageOf(error)));
-    }
-  }
-
   async toggleImmersion(kind: Immersion): Promise<void> {
     if (this.immersive !== null) {
       this.immersive.end();
