@@ -21,7 +21,7 @@ import numpy as np
 from v3studio.pipelines.inspection import with_camera_file
 from v3studio.studio.calibration.epipolar import PairMatches, match_images
 from v3studio.studio.camera_files import read_rig
-from v3studio.studio.cameras import Camera, Rig
+from v3studio.studio.cameras import Camera
 from v3studio.studio.capture import CaptureSettings
 from v3studio.studio.card.card import Measured, measure_sample
 from v3studio.studio.card.colors import DIFFERENCES
@@ -37,9 +37,9 @@ class Kept:
     """Footage in memory, with what `measure` reads of it."""
 
     def __init__(self, rig: dict[str, Camera], images: Images, masks: Images) -> None:
-        self.rig = Rig(tuple(rig[name] for name in images))
+        self.cameras = {name: rig[name] for name in images}
         self.images, self.masks, self.mask_source = images, masks, None
-        self.camera_names, self.is_calibrated = tuple(images), True
+        self.camera_names = tuple(images)
         self.frames = tuple(range(min(map(len, images.values()))))
 
     def raw_size(self, camera: str) -> tuple[int, int]:
@@ -58,7 +58,7 @@ class Kept:
         key = b"".join(hashlib.sha256(image.tobytes()).digest() for image in sample.images.values())
         if key not in matches:
             matches[key] = match_images(sample.images)
-        return measure_sample(sample, {camera.name: camera for camera in self.rig}, matches[key])
+        return measure_sample(sample, self.cameras, matches[key])
 
 
 def posed(rig: dict[str, Camera], change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Camera]:
@@ -95,7 +95,7 @@ def _kept(images: Images, camera: str, kept: list[int]) -> Images:
 
 
 def of_one(masks: Images) -> Images:
-    """The left of two people in all cameras, or the upper half of one: as a tracker's mask of one object."""
+    """The upper half in all cameras, as a tracker's mask of one of several objects."""
     found: Images = {name: [] for name in masks}
     for name, stack in masks.items():
         for mask in stack:
@@ -127,8 +127,7 @@ def mistakes(rig: dict[str, Camera], images: Images, masks: Images) -> Iterator[
     yield "masks off by one frame", "frames", Kept(rig, {name: stack[:-1] for name, stack in images.items()}, ahead)
     yield "masks inverted", "inverted", Kept(rig, images, {n: [255 - m for m in stack] for n, stack in masks.items()})
     yield "masks of one part", "object", Kept(rig, images, of_one(masks))
-    delayed = [{n: s[:-1] if n == one else s[1:] for n, s in stacks.items()} for stacks in (images, masks)]
-    yield "one camera 1 frame late", "late", Kept(rig, *delayed)
+    yield "one camera 1 frame late", "late", Kept(rig, late(images, one, 1), late(masks, one, 1))
     for step in (2, 3):
         yield f"every {step} frames, none", "", Kept(rig, late(images, "", step), late(masks, "", step))
         yield f"one camera 1/{step} frame late", "late", Kept(rig, late(images, one, step), late(masks, one, step))
