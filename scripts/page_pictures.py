@@ -6,7 +6,7 @@ Needs Chromium and Playwright (`make setup-tests`).
 """
 
 import argparse
-import html
+import io
 import os
 import re
 import subprocess
@@ -17,7 +17,10 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, sync_playwright
+from rich.console import Console
+from rich.terminal_theme import DIMMED_MONOKAI
+from rich.text import Text
 
 CHROMIUM = "/usr/bin/chromium"
 TITLE = "Dance"
@@ -29,13 +32,8 @@ PAGES: dict[str, tuple[tuple[int, int], str]] = {
     "share_phone": ((390, 780), "?t=0.4"),
 }
 """Size in CSS pixels and query of each picture of the shared page."""
-COLORS = {
-    "1": "font-weight: bold",
-    "2": "color: #8a8f98",
-    "31": "color: #f0716a",
-    "32": "color: #62c46a",
-    "33": "color: #e2b93d",
-}
+TERMINAL = """<body style="margin: 0"><pre style="margin: 0; padding: 16px; background: #14171c; color: #d8dbe0;
+font: 13px/1.35 monospace; width: max-content">{code}</pre>"""
 
 
 def command(*arguments: str, folder: Path | None = None) -> str:
@@ -59,7 +57,9 @@ def page_picture(browser: Browser, address: str, name: str, out: Path) -> None:
     if name == "player_desktop":  # the preview of a moment over the timeline
         page.mouse.move(0.7 * width, height - 53)
     page.wait_for_timeout(3000)
-    save(page, out / f"{name}.jpg")
+    path = out / f"{name}.jpg"
+    page.screenshot(path=path, type="jpeg", quality=85)
+    print(path, flush=True)
     context.close()
 
 
@@ -71,22 +71,12 @@ def terminal_picture(browser: Browser, take: Path, out: Path) -> None:
     shown = re.sub(r"(\033\[(\?25[lh]|\d*[AK]))+\r?\n?", "", shown)  # of progress
     shown = re.sub(r"(\n +4 .*)(\n +\d+\*? .*)+(\n +29 )", r"\1\n     ...\3", shown)  # most frames
     shown = shown.replace(f"{take.parent}/", "")
-    parts = re.split(r"\033\[([0-9;]*)m", html.escape(shown))
-    spans = [parts[0]]
-    for code, text in zip(parts[1::2], parts[2::2], strict=True):
-        style = "; ".join(COLORS[number] for number in code.split(";") if number in COLORS)
-        spans.append(f'<span style="{style}">{text}</span>')
+    screen = Console(record=True, width=110, file=io.StringIO())
+    screen.print(Text.from_ansi(shown))
+    colored = screen.export_html(theme=DIMMED_MONOKAI, inline_styles=True, code_format=TERMINAL)
     page = browser.new_page(viewport={"width": 980, "height": 400})
-    style = (
-        "margin: 0; padding: 16px; background: #14171c; color: #d8dbe0; font: 13px/1.35 monospace; width: max-content"
-    )
-    page.set_content(f'<body style="margin: 0"><pre style="{style}">{"".join(spans)}</pre>')
+    page.set_content(colored)
     page.locator("pre").screenshot(path=out / "terminal.png")
-
-
-def save(page: Page, path: Path) -> None:
-    page.screenshot(path=path, type="jpeg", quality=85)
-    print(path, flush=True)
 
 
 def main() -> None:
