@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from v3studio.pipelines.reports.images import render, to_bytes
 from v3studio.pipelines.stages.inputs import Inputs
 from v3studio.studio.comparison import Behind, ViewPair, behind, padded_box
 
@@ -54,21 +55,11 @@ def compared_view(inputs: Inputs, camera: str, frame: int, uncut: bool = False) 
     if uncut and crop is None and not inputs.edits.regions:
         scene = inputs.scene
         plate = inputs.sets.plate(camera) if masked else None
-        plate = _rendered(scene, place) if plate is None else plate
+        if plate is None and scene is not None:
+            plate = to_bytes(render(scene, place, (0.0, 0.0, 0.0)))
     back = None if plate is None else behind(image, mask, plate, inputs.capture, scene)
     whole = (slice(0, view.height), slice(0, view.width))
     return ComparedView(place, image, mask, box or whole, settings.evaluate.background, inputs.device, back)
-
-
-def _rendered(scene: Gaussians | None, camera: Camera) -> np.ndarray | None:
-    """The set in a camera, as `FootageView.plate`; None without it."""
-    import torch
-
-    from v3studio.studio.rasterizer import rasterize
-
-    if scene is None:
-        return None
-    return (rasterize(scene, camera, torch.zeros(3)).image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).numpy()
 
 
 def compared_cameras(footage: Footage) -> tuple[str, ...]:
