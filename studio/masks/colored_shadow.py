@@ -6,6 +6,8 @@ darker than a plain set looks like that as well, so the texture of the plate has
 
 import numpy as np
 
+from v3studio.studio.masks.filters import largest_channel
+
 WINDOW = (9, 9)  # pixels in which footage and plate are compared
 _LEAST_FACTOR = 0.12  # of a colored shadow: what is darker is no shadow
 _BRIGHTEST = 1.08  # factor of a channel up to which it is a shadow
@@ -33,7 +35,7 @@ def colored_shadow(
 
     factors = cv2.blur(image, WINDOW) / np.maximum(cv2.blur(plate_image, WINDOW), 4.0)
     own, plate, common, factor = _textures(ours, empty, WINDOW)
-    dark = (factor > _LEAST_FACTOR) & (factor < 0.97) & (factors.max(-1) < _BRIGHTEST)
+    dark = (factor > _LEAST_FACTOR) & (factor < 0.97) & (largest_channel(factors) < _BRIGHTEST)
     if not dark.any():
         return None
     # Sums over pixels with about the same factors, for the regression of the footage's texture on the shaded plate's.
@@ -49,7 +51,7 @@ def colored_shadow(
         return None
     near = cv2.blur(image, (3, 3)) / np.maximum(cv2.blur(plate_image, (3, 3)), 4.0)
     shaded = _with_penumbra(sure).reshape(-1)[_factor_bins(near)]
-    shaded &= near.max(-1) < _BRIGHTEST
+    shaded &= largest_channel(near) < _BRIGHTEST
     area = (shaded & ~_without_texture(ours, empty, shaded & asked)).astype(np.uint8)
     area = cv2.morphologyEx(area, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     return cv2.morphologyEx(area, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).astype(np.float32)
