@@ -214,7 +214,7 @@ out vec2 offset;
 void main() {
   int number = gl_InstanceID * batch + (gl_VertexID >> 2);
   if (number >= count) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
-  uint entry = texelFetch(order, ivec2(number & 1023, number >> 10), 0).x;
+  uint entry = texelFetch(order, ivec2(number & ${ORDER_WIDTH - 1}, number / ${ORDER_WIDTH}), 0).x;
   bool ofSet = entry >= ${OF_SET}u;
   int splat = int(ofSet ? entry - ${OF_SET}u : entry), width = ofSet ? ${ORDER_WIDTH} : tile;
   ivec2 at = ivec2(splat % width, splat / width);
